@@ -1,0 +1,69 @@
+"""Errors: one line that says what is wrong, where, and what to do about it.
+
+Everything mjmotion raises on purpose is a :class:`MotionError`; the command line turns it into one
+line and exit code 2. Errors about frames carry them in ``frames``, so a caller can act on them.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+
+
+class MotionError(Exception):
+    """Base of every error mjmotion raises on purpose.
+
+    Args:
+      message: one line: what, where, what to do.
+      frames: the frames that failed, if the error is about frames.
+    """
+
+    def __init__(self, message: str, frames: Sequence[int] = ()) -> None:
+        super().__init__(message)
+        self.frames: tuple[int, ...] = tuple(int(frame) for frame in frames)
+
+
+class ClipError(MotionError):
+    """A clip cannot be read, is damaged, or does not fit the character."""
+
+
+class ModelError(MotionError):
+    """A model lacks what the work needs: a free root, a site, a joint of a kind."""
+
+
+class SceneError(MotionError):
+    """A scene does not compile, has no ground under the walk, or cannot be passed."""
+
+
+class ContactError(MotionError):
+    """A contact names an unknown site or frames that the motion does not have."""
+
+
+class ConstraintError(MotionError):
+    """A constraint is malformed or names what does not exist."""
+
+
+class FitError(MotionError):
+    """A fit was asked for with settings that make no sense."""
+
+
+class OutputError(MotionError):
+    """A result cannot be written, or would overwrite an earlier one."""
+
+
+class RenderError(MotionError):
+    """Offscreen rendering is not possible on this machine."""
+
+
+def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
+    """Return the message for a name that does not exist: what was meant, and the valid names."""
+    names = sorted(valid)
+    close = difflib.get_close_matches(name, names, n=1)
+    hint = f" Did you mean '{close[0]}'?" if close else ""
+    return f"unknown {kind} '{name}'.{hint} Valid names: {', '.join(names) or '(none)'}"
+
+
+def frame_list(frames: Sequence[int], limit: int = 5) -> str:
+    """Return frames as short text: ``3, 4, 5, 6, 7, … (12 frames)``."""
+    shown = ", ".join(str(int(frame)) for frame in frames[:limit])
+    return shown if len(frames) <= limit else f"{shown}, … ({len(frames)} frames)"
