@@ -1,0 +1,44 @@
+# make demo and make test are all that a fresh machine needs; both set up .venv first.
+SHELL := /bin/bash
+PYTHON ?= python3
+export PYTHON
+BIN := .venv/bin
+READY := .venv/ready
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint bench scenes lock clean
+
+help: ## this list
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /\1\t/' | expand -t 10
+
+setup: $(READY) ## make .venv with the pinned packages and mjmotion
+
+$(READY): requirements.lock pyproject.toml .ci/setup
+	@.ci/setup
+	@touch $@
+
+demo: $(READY) ## adapt the built-in walk to rough terrain with doorways: report and video
+	@.ci/opengl || true
+	@$(BIN)/mjmotion demo --out out/demo --force
+
+test: lint ## set up, lint, type check, and run all tests
+	@.ci/opengl || true
+	$(BIN)/python -m pytest --durations=10
+
+lint: $(READY) ## ruff and mypy
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(READY) ## the project's figures beside their targets
+	$(BIN)/python scripts/benchmark.py
+
+scenes: $(READY) ## write the scenes of scenes/ anew
+	$(BIN)/python scripts/make_scenes.py
+
+lock: ## write requirements.lock anew with the newest packages
+	.ci/lock
+
+clean: ## remove everything that was made here
+	rm -rf .venv out dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
