@@ -1,0 +1,34 @@
+"""Scenes: any MJCF, a few builders, and a character put into them."""
+
+from mjmotion.scene.builders import (
+    BUILDERS,
+    DOORWAYS,
+    Doorway,
+    blocks,
+    doors,
+    flat,
+    from_heights,
+    slope,
+    stairs,
+    terrain,
+)
+from mjmotion.scene.model import START_SITE, Scene, compose, load_scene
+from mjmotion.scene.save import save_model
+
+__all__ = [
+    "BUILDERS",
+    "DOORWAYS",
+    "START_SITE",
+    "Doorway",
+    "Scene",
+    "blocks",
+    "compose",
+    "doors",
+    "flat",
+    "from_heights",
+    "load_scene",
+    "save_model",
+    "slope",
+    "stairs",
+    "terrain",
+]

@@ -1,0 +1,304 @@
+"""Scenes: load one, and put a character into it.
+
+scene = load_scene("terrain")              # or a path to any MJCF
+spec = compose("humanoid", scene)          # both in one model
+model = spec.compile()
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.assets import find_asset
+from mjmotion.exceptions import ModelError, MotionError, SceneError
+from mjmotion.motion import check_free_root
+
+START_SITE = "start"
+"""Name of the site where a clip begins; its x-axis is the way it walks."""
+
+_FILE_LIKE = (".xml", ".mjcf", ".urdf")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene without a character.
+
+    Attributes:
+      spec: the scene; treat it as read-only, :func:`compose` works on a copy.
+      model: ``spec`` compiled.
+      name: short name for reports.
+      start_pos: (3,) where the clip begins [m]: the site ``start``, else the origin.
+      start_yaw: the way the clip walks, about z from +x [rad]: the x-axis of that site, else 0.
+    """
+
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    name: str
+    start_pos: NDArray[np.float64]
+    start_yaw: float
+
+    @classmethod
+    def from_spec(cls, spec: mujoco.MjSpec, name: str = "scene") -> Scene:
+        """Compile ``spec``, such as a builder returns, into a scene.
+
+        Raises:
+          SceneError: it does not compile, or its start site points straight up or down.
+        """
+        spec = spec.copy()
+        try:
+            model = spec.compile()
+        except (ValueError, OSError, mujoco.FatalError) as error:
+            raise SceneError(f"scene '{name}' does not compile: {first_line(error)}") from error
+        pos, yaw = _start(model, name)
+        return cls(spec, model, name, pos, yaw)
+
+
+def load_scene(name_or_path: str | Path) -> Scene:
+    """Load one of the project's scenes by name, or any MJCF file.
+
+    Raises:
+      SceneError: there is no such scene or file, or it does not parse or compile.
+    """
+    path = find_asset("scene", name_or_path).resolve()
+    if path.suffix.lower() not in _FILE_LIKE:
+        raise SceneError(f"scene '{path}' is not an MJCF file (.xml): give a MuJoCo model")
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except (ValueError, OSError, mujoco.FatalError) as error:
+        raise SceneError(
+            f"scene '{path}' is not a MuJoCo model MuJoCo can read: {first_line(error)}"
+        ) from error
+    try:
+        return Scene.from_spec(spec, path.stem)
+    except SceneError as error:
+        raise SceneError(str(error).replace(f"'{path.stem}'", f"'{path}'", 1)) from error
+
+
+def compose(character: str | Path, scene: Scene) -> mujoco.MjSpec:
+    """Return the scene with a character in it, as a spec that compiles.
+
+    The character's names stay as they are and its root is the first joint, so ``qpos[:, :7]`` is
+    the root and ``qpos[:, :character.nq]`` the character even where the scene has joints of its
+    own. What the character's file has directly in its world (a floor or lamp to look at it alone)
+    stays behind. Options, lights and visual settings are the scene's; a scene without a light gets
+    one, and the offscreen buffer is at least 1920 × 1080. Assets and default classes of the same
+    name in both are told apart by renaming the scene's.
+
+    Args:
+      character: name of one of our models, or a path to an MJCF with a free root.
+      scene: the scene.
+
+    Raises:
+      ModelError: the character does not exist, does not compile, or has no free root.
+      SceneError: a body, joint, geom or other element has the same name in both.
+    """
+    spec = _load_character(character)
+    stage = scene.spec.copy()
+    for key in list(stage.keys):  # states of the scene alone mean nothing once it has a character
+        stage.delete(key)
+    _strip_stage(spec, keep_sky=not any(_is_sky(texture) for texture in stage.textures))
+    _rename_assets(stage, spec)
+    for group in ("option", "visual", "stat"):
+        _copy_settings(getattr(spec, group), getattr(stage, group))
+    spec.modelname = f"{spec.modelname} on {scene.name}"
+    _attach(spec, stage, scene.name)
+    _dress(spec)
+    spec = spec.copy()  # a copy does not repeat the attachment's warnings at every compilation
+    try:
+        spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise _clash(error, scene.name) from error
+    return spec
+
+
+def first_line(error: BaseException) -> str:
+    """Return MuJoCo's message as one line: what went wrong and, if it says so, in which element."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    if not lines:
+        return type(error).__name__
+    text = lines[0].removeprefix("Error: ").removeprefix("XML Error: ")
+    if text.startswith("XML parse error"):
+        return "it is not well-formed XML" + _line_of(lines)
+    element = next((line for line in lines[1:] if line.startswith("Element")), "")
+    return f"{text} ({element})" if element else text
+
+
+def _line_of(lines: list[str]) -> str:
+    """Return `` (line n)`` where TinyXML's message tells the line."""
+    text = " ".join(lines)
+    mark = "Line number="
+    if mark not in text:
+        return ""
+    number = text.split(mark, 1)[1].split(":", 1)[0].split()[0]
+    return f" (line {number})"
+
+
+def _start(model: mujoco.MjModel, name: str) -> tuple[NDArray[np.float64], float]:
+    """Return position (3,) [m] and yaw [rad] of the start site in the scene's first pose."""
+    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, START_SITE)
+    if site < 0:
+        return np.zeros(3), 0.0
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    forward = data.site_xmat[site].reshape(3, 3)[:, 0]
+    if np.hypot(forward[0], forward[1]) < 1e-3:
+        raise SceneError(
+            f"site '{START_SITE}' of scene '{name}' points straight up or down:"
+            " its x-axis must show the way to walk"
+        )
+    return data.site_xpos[site].copy(), float(np.arctan2(forward[1], forward[0]))
+
+
+def _load_character(character: str | Path) -> mujoco.MjSpec:
+    path = find_asset("model", character).resolve()
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        model = spec.compile()
+    except (ValueError, OSError, mujoco.FatalError) as error:
+        raise ModelError(f"character '{path}' does not compile: {first_line(error)}") from error
+    try:
+        check_free_root(model)
+    except ModelError as error:
+        raise ModelError(f"character '{path}': {error}") from error
+    return spec
+
+
+def _strip_stage(spec: mujoco.MjSpec, keep_sky: bool) -> None:
+    """Delete what the character's file has in its world besides the character."""
+    for element in [*spec.worldbody.geoms, *spec.worldbody.lights]:
+        spec.delete(element)
+    if not keep_sky:
+        for texture in [texture for texture in spec.textures if _is_sky(texture)]:
+            spec.delete(texture)
+
+
+def _is_sky(texture: Any) -> bool:
+    return bool(texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
+
+
+def _rename_assets(stage: mujoco.MjSpec, spec: mujoco.MjSpec) -> None:
+    """Give assets of ``stage`` another name where ``spec`` has one of that name and kind."""
+    renamed: dict[str, dict[str, str]] = {}
+    for kind in ("textures", "materials", "meshes", "hfields"):
+        taken = {_asset_name(asset) for asset in getattr(spec, kind)}
+        ours = {_asset_name(asset) for asset in getattr(stage, kind)}
+        renamed[kind] = {}
+        for asset in getattr(stage, kind):
+            old = _asset_name(asset)
+            if old and old in taken:
+                asset.name = renamed[kind][old] = _free_name(f"scene_{old}", taken | ours)
+    for material in stage.materials:
+        slots = list(material.textures)
+        material.textures = [renamed["textures"].get(name, name) for name in slots]
+    for geom in stage.geoms:
+        geom.material = renamed["materials"].get(geom.material, geom.material)
+        geom.meshname = renamed["meshes"].get(geom.meshname, geom.meshname)
+        geom.hfieldname = renamed["hfields"].get(geom.hfieldname, geom.hfieldname)
+    for site in stage.sites:
+        site.material = renamed["materials"].get(site.material, site.material)
+
+
+def _asset_name(asset: Any) -> str:
+    """Return the name MuJoCo will know the asset by: its own, else its file's."""
+    return asset.name or Path(getattr(asset, "file", "")).stem
+
+
+def _free_name(name: str, taken: set[str]) -> str:
+    number, candidate = 1, name
+    while candidate in taken:
+        number += 1
+        candidate = f"{name}_{number}"
+    return candidate
+
+
+def _copy_settings(target: Any, source: Any) -> None:
+    """Copy every number of one of the spec's settings structures onto another."""
+    for name in dir(source):
+        if name.startswith("_"):
+            continue
+        value = getattr(source, name)
+        if callable(value):
+            continue
+        if isinstance(value, (int, float, np.ndarray)) or hasattr(value, "__index__"):
+            setattr(target, name, value)
+        else:
+            _copy_settings(getattr(target, name), value)
+
+
+def _attach(spec: mujoco.MjSpec, stage: mujoco.MjSpec, name: str) -> None:
+    """Attach the scene to the character's world without a prefix, and without MuJoCo's warning.
+
+    MuJoCo warns that a model attached without a prefix may not save; :func:`save_model` writes
+    the files of assets itself, so it does, and the warning would go to stderr and to a log file.
+    """
+    classes: set[str] = set()
+    while True:
+        try:
+            with _quiet():
+                spec.attach(stage, frame=spec.worldbody.add_frame(), prefix="")
+            return
+        except (ValueError, mujoco.FatalError) as error:
+            label = _repeated_class(error)
+            default = stage.find_default(label) if label else None
+            if default is None or label in classes:
+                raise _clash(error, name) from error
+            classes.add(label)
+            default.name = f"scene_{label}"
+
+
+def _repeated_class(error: BaseException) -> str:
+    """Return the class that MuJoCo says both models have, or an empty string."""
+    text = str(error)
+    if "repeated default class" not in text.lower():
+        return ""
+    return text.split("'")[1] if text.count("'") >= 2 else text.split()[-1]
+
+
+def _clash(error: BaseException, name: str) -> MotionError:
+    return SceneError(
+        f"scene '{name}' cannot be put together with the character: {first_line(error)};"
+        " rename it in the scene"
+    )
+
+
+def _dress(spec: mujoco.MjSpec) -> None:
+    """Make sure that the model can be seen: a light, and a buffer that a video fits in."""
+    if not spec.lights:
+        add_sun(spec)
+    spec.visual.global_.offwidth = max(1920, spec.visual.global_.offwidth)
+    spec.visual.global_.offheight = max(1080, spec.visual.global_.offheight)
+
+
+def add_sun(
+    spec: mujoco.MjSpec, pos: tuple[float, float, float] = (0.0, 0.0, 10.0), name: str = "sun"
+) -> None:
+    """Add a directional light with shadows above ``pos`` [m], slanting forward and sideways."""
+    spec.worldbody.add_light(
+        name="" if any(light.name == name for light in spec.lights) else name,
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=pos,
+        dir=(0.35, 0.45, -1.0),
+        diffuse=(0.6, 0.58, 0.54),
+        specular=(0.15, 0.15, 0.15),
+        ambient=(0.0, 0.0, 0.0),
+        castshadow=True,
+    )
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep MuJoCo's own warnings off stderr and out of its log file."""
+    previous = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda message: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(previous)
