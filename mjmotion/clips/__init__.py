@@ -1,0 +1,112 @@
+"""Clips: recorded motions from files, and how they are put on the humanoid.
+
+motion = load_clip("walk.bvh")
+mapped = map_clip(read_clip("walk.bvh"), model)   # with the scale and notes
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+from mjmotion.assets import find_asset
+from mjmotion.clips.asf import read_amc
+from mjmotion.clips.bvh import read_bvh
+from mjmotion.clips.mapping import Mapped, map_clip, to_motion
+from mjmotion.clips.rig import ROLES, Rig, find_rig
+from mjmotion.clips.skeleton import Clip
+from mjmotion.clips.table import read_csv, write_csv
+from mjmotion.exceptions import ClipError, unknown_name
+from mjmotion.motion import Motion
+
+__all__ = [
+    "ROLES",
+    "Clip",
+    "Mapped",
+    "Rig",
+    "builtin_clips",
+    "find_rig",
+    "load_clip",
+    "map_clip",
+    "read_amc",
+    "read_bvh",
+    "read_clip",
+    "read_csv",
+    "to_motion",
+    "write_csv",
+]
+
+SUFFIXES = (".bvh", ".amc", ".npz", ".csv")
+
+
+def builtin_clips() -> dict[str, Callable[[mujoco.MjModel], Motion]]:
+    """Return the clips that need no file: name to a function that makes the motion on a model."""
+    try:
+        from mjmotion.clips.gait import BUILTIN
+    except ModuleNotFoundError as error:
+        if error.name != "mjmotion.clips.gait":
+            raise
+        return {}
+    return dict(BUILTIN)
+
+
+def read_clip(path: str | Path, *, fps: float | None = None) -> Clip:
+    """Read a BVH or AMC file as a clip on its own skeleton.
+
+    Args:
+      path: the file.
+      fps: rate to take in place of the file's, such as for an AMC that is not at 120.
+
+    Raises:
+      ClipError: the file is missing, damaged, or of another kind.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".bvh":
+        clip = read_bvh(path)
+        return clip if fps is None else clip.at_rate(fps)
+    if suffix == ".amc":
+        return read_amc(path) if fps is None else read_amc(path, fps=fps)
+    raise ClipError(f"'{path}' is not a recording on a skeleton: give a .bvh or .amc file")
+
+
+def load_clip(
+    path_or_name: str | Path,
+    model: mujoco.MjModel | None = None,
+    *,
+    mapping: str | Path | Mapping[str, Any] | None = None,
+    fps: float | None = None,
+) -> Motion:
+    """Return a clip as a motion of the humanoid.
+
+    Args:
+      path_or_name: a .bvh, .amc, .npz or .csv file, or the name of a built-in clip.
+      model: the humanoid, with or without a scene; the project's own when None.
+      mapping: for .bvh and .amc: mapping file, or its content (see :mod:`mjmotion.clips.rig`).
+      fps: rate of the frames in place of the file's own.
+
+    Raises:
+      ClipError: no such file or name, a damaged file, a skeleton that cannot be mapped.
+    """
+    if model is None:
+        model = mujoco.MjModel.from_xml_path(str(find_asset("model", "humanoid")))
+    path = Path(path_or_name)
+    suffix = path.suffix.lower()
+    if suffix == "" and not path.exists():
+        names = builtin_clips()
+        if str(path_or_name) not in names:
+            message = unknown_name("clip", str(path_or_name), names)
+            raise ClipError(f"{message}; or give a file ({', '.join(SUFFIXES)})")
+        motion = names[str(path_or_name)](model)
+    elif suffix in (".bvh", ".amc"):
+        clip = read_clip(path, fps=fps)
+        return to_motion(clip, model, find_rig(clip, mapping))
+    elif suffix == ".npz":
+        motion = Motion.load(path, model)
+    elif suffix == ".csv":
+        motion = read_csv(path, model, fps=fps)
+    else:
+        raise ClipError(f"'{path}' is of no known kind: give one of {', '.join(SUFFIXES)}")
+    return motion if fps is None else Motion(model, motion.qpos, fps)

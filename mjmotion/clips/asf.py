@@ -1,0 +1,212 @@
+"""Reader for Acclaim recordings: a skeleton (ASF) and its frames (AMC)."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.clips.skeleton import Clip, axis_rotations, pose_skeleton, read_text
+from mjmotion.exceptions import ClipError
+
+Array = NDArray[np.float64]
+
+
+class _Bone:
+    """One bone of an ASF file; ``axis`` (3, 3) turns its own frame into the global one at rest."""
+
+    def __init__(self) -> None:
+        self.direction = np.zeros(3)
+        self.length = 0.0
+        self.axis = np.eye(3)
+        self.dof: list[str] = []
+
+
+class _Skeleton:
+    """Bones by name ("root" among them), the bone each hangs on, and whether angles are degrees."""
+
+    def __init__(self) -> None:
+        self.bones: dict[str, _Bone] = {}
+        self.parents: dict[str, str] = {}
+        self.degrees = True
+
+
+def read_amc(path: str | Path, skeleton: str | Path | None = None, *, fps: float = 120.0) -> Clip:
+    """Read an AMC file with its skeleton.
+
+    A joint stands at the beginning of the bone it is named after, as in BVH files of the same takes.
+
+    Args:
+      path: the AMC file.
+      skeleton: the ASF file; by default the one beside it: 02_01.amc has 02_01.asf or 02.asf.
+      fps: frames a second, which the format does not say; 120 is the CMU library's.
+
+    Returns:
+      The clip in the ASF's own units and axes.
+
+    Raises:
+      ClipError: a file is missing, truncated or malformed.
+    """
+    asf = Path(skeleton) if skeleton is not None else _beside(Path(path))
+    tree = _read_skeleton(asf)
+    names = _order(tree, asf)
+    lines = _frame_lines(path)
+    parents = np.array([names.index(tree.parents[n]) if n in tree.parents else -1 for n in names])
+    offsets = np.array(
+        [
+            tree.bones[names[parent]].direction * tree.bones[names[parent]].length
+            if parent >= 0
+            else np.zeros(3)
+            for parent in parents
+        ]
+    )
+    values = _read_values(path, lines, tree)
+    nframe = len(values["root"])
+    translations = np.broadcast_to(offsets, (nframe, *offsets.shape)).copy()
+    local = np.broadcast_to(np.eye(3), (*translations.shape, 3)).copy()
+    for joint, name in enumerate(names):
+        bone = tree.bones[name]
+        turn = np.broadcast_to(np.eye(3), (nframe, 3, 3))
+        for dof, column in zip(bone.dof, values[name].T, strict=True):
+            if dof[0] == "t":
+                translations[:, joint, "xyz".index(dof[1])] = column
+            elif dof[0] == "r":
+                angles = np.radians(column) if tree.degrees else column
+                # Acclaim turns about fixed axes in the order given.
+                turn = axis_rotations(dof[1], angles) @ turn
+        local[:, joint] = bone.axis @ turn @ bone.axis.T
+    inner = set(tree.parents.values())
+    ends = {n: tree.bones[n].direction * tree.bones[n].length for n in names if n not in inner}
+    return pose_skeleton(str(path), tuple(names), parents, offsets, translations, local, fps, ends)
+
+
+def _beside(path: Path) -> Path:
+    """Return the skeleton file that belongs to an AMC file."""
+    stem = path.stem
+    for name in (stem, stem.rpartition("_")[0] or stem):
+        for suffix in (".asf", ".ASF"):
+            if (path.parent / f"{name}{suffix}").is_file():
+                return path.parent / f"{name}{suffix}"
+    if not path.is_file():
+        raise ClipError(f"AMC file '{path}' does not exist: check the path")
+    raise ClipError(
+        f"'{path}' needs its skeleton: put {stem}.asf or {stem.split('_')[0]}.asf beside it"
+    )
+
+
+def _read_skeleton(path: Path) -> _Skeleton:
+    """Read an ASF file."""
+    text = re.sub(r"#.*", "", read_text(str(path), "ASF"))
+    sections = {
+        part.split(None, 1)[0].lower(): part.split(None, 1)[-1]
+        for part in re.split(r"(?m)^\s*:", text)
+        if part.strip()
+    }
+    for need in ("root", "bonedata", "hierarchy"):
+        if need not in sections:
+            raise ClipError(f"'{path}' has no :{need} section: the file is cut off or no ASF")
+    tree = _Skeleton()
+    tree.degrees = not re.search(r"angle\s+rad", sections.get("units", ""))
+    try:
+        tree.bones["root"] = _root(sections["root"])
+        for block in re.findall(r"\bbegin\b(.*?)\bend\b", sections["bonedata"], re.DOTALL):
+            name, bone = _bone(block, tree.degrees)
+            tree.bones[name] = bone
+        for line in sections["hierarchy"].splitlines():
+            words = line.split()
+            if words and words[0] not in ("begin", "end", "hierarchy"):
+                tree.parents.update({child: words[0] for child in words[1:]})
+    except (ValueError, KeyError, IndexError) as error:
+        raise ClipError(f"'{path}' is not a sound ASF file ({error}): get it again") from None
+    return tree
+
+
+def _root(text: str) -> _Bone:
+    fields = _fields(text)
+    bone = _Bone()
+    bone.dof = [word.lower() for word in fields["order"]]
+    turn = [float(x) for x in fields.get("orientation", ["0", "0", "0"])]
+    bone.axis = _euler(turn, fields.get("axis", ["XYZ"])[0], True)
+    return bone
+
+
+def _bone(text: str, degrees: bool) -> tuple[str, _Bone]:
+    fields = _fields(text)
+    bone = _Bone()
+    direction = np.array([float(x) for x in fields["direction"]])
+    bone.direction = direction / np.linalg.norm(direction)
+    bone.length = float(fields["length"][0])
+    bone.axis = _euler([float(x) for x in fields["axis"][:3]], fields["axis"][3], degrees)
+    bone.dof = [word.lower() for word in fields.get("dof", [])]
+    if not np.isfinite([*bone.direction, bone.length]).all():
+        raise ValueError(f"bone {fields['name'][0]} is not finite")
+    return fields["name"][0], bone
+
+
+def _fields(text: str) -> dict[str, list[str]]:
+    """Return key to words of lines such as ``dof rx ry``."""
+    rows = [line.split() for line in text.splitlines()]
+    return {row[0].lower(): row[1:] for row in rows if row}
+
+
+def _euler(angles: list[float], order: str, degrees: bool) -> Array:
+    """Return the rotation (3, 3) of angles about fixed axes in the order given."""
+    result = np.eye(3)
+    for axis, angle in zip(order.lower(), angles, strict=True):
+        result = axis_rotations(axis, np.radians(angle) if degrees else np.array(angle)) @ result
+    return result
+
+
+def _order(tree: _Skeleton, path: Path) -> list[str]:
+    """Return the bones, parents before children."""
+    unknown = (set(tree.parents) | set(tree.parents.values())) - set(tree.bones)
+    if unknown:
+        raise ClipError(f"'{path}': :hierarchy names unknown bones {', '.join(sorted(unknown))}")
+    names = ["root"]
+    for name in names:
+        names += [child for child, parent in tree.parents.items() if parent == name]
+    return names
+
+
+def _frame_lines(path: str | Path) -> list[str]:
+    text = re.sub(r"#.*", "", read_text(str(path), "AMC"))
+    return [
+        line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(":")
+    ]
+
+
+def _read_values(path: str | Path, lines: list[str], tree: _Skeleton) -> dict[str, Array]:
+    """Return bone to (nframe, ndof) values."""
+    starts = [n for n, line in enumerate(lines) if line.strip().isdigit()]
+    if not starts:
+        raise ClipError(f"AMC file '{path}' has no frames: export the clip again")
+    moving = {name: len(bone.dof) for name, bone in tree.bones.items() if bone.dof}
+    values = {name: np.zeros((len(starts), count)) for name, count in moving.items()}
+    values |= {name: np.zeros((len(starts), 0)) for name in tree.bones if name not in moving}
+    for frame, (first, last) in enumerate(zip(starts, [*starts[1:], len(lines)], strict=True)):
+        seen = set()
+        for line in lines[first + 1 : last]:
+            name, *words = line.split()
+            if name not in moving or len(words) != moving[name]:
+                wanted = f"{moving[name]} values" if name in moving else "a bone of the skeleton"
+                raise ClipError(
+                    f"'{path}' frame {frame}: '{name}' with {len(words)} values is not {wanted}:"
+                    " the file is cut off or belongs to another skeleton",
+                    (frame,),
+                )
+            try:
+                values[name][frame] = [float(word) for word in words]
+            except ValueError:
+                raise ClipError(
+                    f"'{path}' frame {frame}: '{name}' has a value that is not a number", (frame,)
+                ) from None
+            seen.add(name)
+        if "root" not in seen or (frame and seen != before):
+            raise ClipError(
+                f"'{path}' frame {frame} lacks bones: the file is cut off, export it again",
+                (frame,),
+            )
+        before = seen
+    return values

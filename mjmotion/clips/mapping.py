@@ -1,0 +1,337 @@
+"""Put a clip on the humanoid: directions of the bones kept, feet where the recording has them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco
+import numpy as np
+
+from mjmotion import rotations as rot
+from mjmotion.clips.feet import Foot, place_feet
+from mjmotion.clips.frames import (
+    UP,
+    Upright,
+    calibrate,
+    check_steady,
+    drop_rest_frame,
+    frame_of,
+    make_upright,
+)
+from mjmotion.clips.rig import SIDES, Rig, find_rig
+from mjmotion.clips.skeleton import Clip
+from mjmotion.exceptions import ModelError, unknown_name
+from mjmotion.limits import clamp_to_limits, limit_excess
+from mjmotion.motion import Motion
+
+Array = rot.Array
+
+# How much the hinge axis learnt over the clip counts beside the bend plane of the frame itself.
+_AXIS_WEIGHT = 0.3
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Mapped:
+    """A clip on the humanoid, and what was found on the way.
+
+    Attributes:
+      motion: the motion.
+      scale: metres of the humanoid per unit of the file.
+      up: the file's vertical axis.
+      clamped: number of frames in which a joint was put back inside its limits.
+      notes: what the reader of a report should know, a line each.
+    """
+
+    motion: Motion
+    scale: float
+    up: str
+    clamped: int
+    notes: tuple[str, ...]
+
+
+class Figure:
+    """Measures of the humanoid that mapping needs, read from its model."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        names = [model.body(i).name for i in range(model.nbody)]
+        for name in ("pelvis", "torso", "left_thigh", "left_shank", "left_foot", "left_forearm"):
+            if name not in names:
+                raise ModelError(f"clips go onto the humanoid: {unknown_name('body', name, names)}")
+        self.thigh = float(np.linalg.norm(model.body("left_shank").pos))
+        self.shank = float(np.linalg.norm(model.body("left_foot").pos))
+        self.hips = {side: np.array(model.body(f"{side}_thigh").pos) for side in SIDES}
+        self.neck = np.array(model.body("neck").pos)
+
+    @property
+    def leg(self) -> float:
+        """Length of a leg, hip to ankle [m]."""
+        return self.thigh + self.shank
+
+    def site(self, name: str) -> Array:
+        """Return a site's position in its body."""
+        return np.array(self.model.site(name).pos)
+
+
+def to_motion(clip: Clip, model: mujoco.MjModel, rig: Rig | None = None) -> Motion:
+    """Return the clip as a motion of the humanoid; see :func:`map_clip`."""
+    return map_clip(clip, model, rig).motion
+
+
+def map_clip(clip: Clip, model: mujoco.MjModel, rig: Rig | None = None) -> Mapped:
+    """Put a clip on the humanoid.
+
+    The clip's legs are scaled to the humanoid's, the first frame is moved to x = y = 0 and the clip
+    is turned to set off along +x, on ground at z = 0. Bones keep the recording's directions; the
+    ankles stand where the scaled recording has them.
+
+    Args:
+      clip: the clip, as read.
+      model: the humanoid, with or without a scene.
+      rig: which joint plays which role; found by name when None.
+
+    Raises:
+      ClipError: the skeleton cannot be mapped.
+      ModelError: the model is not the humanoid.
+    """
+    figure = Figure(model)
+    rig = find_rig(clip) if rig is None else rig
+    clip, note = drop_rest_frame(clip)
+    source = make_upright(clip, rig, figure.leg)
+    notes = [note] if note else []
+    notes.append(f"up axis {source.axis}, 1 unit of the file is {source.scale:.6g} m")
+    body = _trunk(source, figure)
+    root = (source.at("left_hip") + source.at("right_hip")) / 2
+    feet = [_foot(source, side) for side in SIDES]
+    for side in SIDES:
+        _arm(source, side, body)
+    yaw, start = _start(root, body["pelvis"], clip.fps)
+    turn = rot.yaw_quat(-yaw)
+    body = {name: rot.multiply(np.broadcast_to(turn, q.shape), q) for name, q in body.items()}
+    root = rot.rotate(turn, root - start)
+    feet = [foot.moved(turn, start) for foot in feet]
+    root, feet = place_feet(root, body["pelvis"], feet, figure, clip.fps)
+    knees = {}
+    for side, foot in zip(SIDES, feet, strict=True):
+        hip = root + rot.rotate(body["pelvis"], figure.hips[side])
+        body[f"{side}_thigh"], knees[side] = bend_leg(
+            hip, foot.ankle, foot.normal, figure.thigh, figure.shank
+        )
+        body[f"{side}_foot"] = foot.quat
+    qpos = _assemble(model, root, body, knees)
+    check_steady(clip, qpos)
+    excess = limit_excess(model, qpos)
+    clamped = int((excess > 1e-9).any(axis=1).sum())
+    motion = Motion(model, clamp_to_limits(model, qpos), clip.fps)
+    return Mapped(motion, source.scale, source.axis, clamped, tuple(notes))
+
+
+def bend_leg(
+    hip: Array, ankle: Array, normal: Array, thigh: float, shank: float
+) -> tuple[Array, Array]:
+    """Return the thigh's orientation and the knee's angle that bring the ankle to its place.
+
+    Closed form, two bones and a hinge (the paper's Eq. 7 with the knee's plane given).
+
+    Args:
+      hip: (nframe, 3) hip centres [m].
+      ankle: (nframe, 3) where the ankles are to be [m]; beyond reach, the leg points there.
+      normal: (nframe, 3) the knee's axis, as far as it is square to the line hip to ankle.
+      thigh: length [m].
+      shank: length [m].
+
+    Returns:
+      (nframe, 4) quaternions wxyz of the thigh and (nframe,) flexion [rad] of the knee.
+    """
+    line = ankle - hip
+    far = np.linalg.norm(line, axis=1)
+    reach = np.clip(far, abs(thigh - shank) + 1e-9, thigh + shank)
+    line = rot.normalized(line)
+    normal = rot.normalized(normal - rot.dot(normal, line)[:, None] * line)
+    cosine = (thigh**2 + reach**2 - shank**2) / (2 * thigh * reach)
+    angle = np.arccos(np.clip(cosine, -1, 1))[:, None]
+    bone = np.cos(angle) * line - np.sin(angle) * rot.cross(normal, line)
+    cosine = (reach**2 - thigh**2 - shank**2) / (2 * thigh * shank)
+    return rot.from_matrix(frame_of(-bone, normal)), np.arccos(np.clip(cosine, -1, 1))
+
+
+def _trunk(source: Upright, figure: Figure) -> dict[str, Array]:
+    """Return the orientations (nframe, 4) of pelvis, torso, neck and head."""
+    hips = source.at("left_hip") - source.at("right_hip")
+    chain = _spine(source)
+    low = source.clip.positions[:, chain[0]]
+    high = source.at("neck") if source.has("neck") else _middle(source, "shoulder")
+    lean = rot.normalized(high - low)
+    pelvis = source.turned("pelvis")
+    chest = source.clip.rotations[:, chain[-1]]
+    if source.facing is not None:
+        stand = source.turn.T @ source.facing
+        body = {"pelvis": pelvis @ stand}
+        straight = chest @ stand
+        rest_high = source.rest_at("neck") if source.has("neck") else _rest_middle(source)
+        rest_lean = rot.normalized(rest_high - source.rest[chain[0]])
+        # What the trunk's line looks like at rest is what standing upright looks like.
+        upright = frame_of(rest_lean, source.facing[:, 1]).T @ source.facing
+        body["torso"] = frame_of(lean, straight[..., 1]) @ upright
+        head_stand = stand
+    else:
+        rough = frame_of(lean, hips)
+        body = {"pelvis": pelvis @ calibrate(pelvis, rough)}
+        shoulders = source.at("left_shoulder") - source.at("right_shoulder")
+        left = (chest @ calibrate(chest, frame_of(lean, shoulders)))[..., 1]
+        body["torso"] = frame_of(lean, left)
+        head_stand = None
+    for name, role in (("neck", "neck"), ("head", "head")):
+        if not source.has(role):
+            body[name] = body["neck"] if "neck" in body else body["torso"]
+            continue
+        joint = source.turned(role)
+        constant = calibrate(joint, body["torso"]) if head_stand is None else head_stand
+        body[name] = joint @ constant
+    return {name: rot.from_matrix(matrix) for name, matrix in body.items()}
+
+
+def _spine(source: Upright) -> list[int]:
+    """Return the joints from the pelvis' first spine joint to the chest, the shoulders' parent."""
+    clip = source.clip
+
+    def line(joint: int) -> list[int]:
+        path = [joint]
+        while clip.parents[path[-1]] >= 0:
+            path.append(int(clip.parents[path[-1]]))
+        return path[::-1]
+
+    left = line(clip.index(source.rig.joints["left_shoulder"]))
+    right = line(clip.index(source.rig.joints["right_shoulder"]))
+    shared = [a for a, b in zip(left, right, strict=False) if a == b]
+    if source.has("chest"):
+        shared = line(clip.index(source.rig.joints["chest"]))
+    pelvis = clip.index(source.rig.joints["pelvis"])
+    above = shared[shared.index(pelvis) + 1 :] if pelvis in shared else shared[-1:]
+    return above or [pelvis]
+
+
+def _middle(source: Upright, part: str) -> Array:
+    return (source.at(f"left_{part}") + source.at(f"right_{part}")) / 2
+
+
+def _rest_middle(source: Upright) -> Array:
+    return (source.rest_at("left_shoulder") + source.rest_at("right_shoulder")) / 2
+
+
+def _hinge_axis(first: Array, second: Array, joint: Array, fallback: Array) -> Array:
+    """Return (nframe, 3) axes of a hinge between two bones, steady where they are in line.
+
+    Args:
+      first: (nframe, 3) unit direction of the upper bone.
+      second: (nframe, 3) unit direction of the lower bone.
+      joint: (nframe, 3, 3) rotations of the upper bone's joint, in which the axis is constant.
+      fallback: (nframe, 3) axes for a clip in which the hinge never bends.
+    """
+    bend = rot.cross(first, second)
+    local = np.einsum("nji,nj->ni", joint, bend).mean(axis=0)
+    if np.linalg.norm(local) < 0.02:
+        local = np.einsum("nji,nj->ni", joint, fallback).mean(axis=0)
+    steady = joint @ rot.normalized(local)
+    # Bent the wrong way by more than the weight, the plane of the frame would turn the hinge over.
+    along = rot.dot(bend, steady)[:, None]
+    bend = np.where(along < 0, bend - along * steady, bend)
+    axis = bend + _AXIS_WEIGHT * steady
+    return rot.normalized(axis - rot.dot(axis, first)[:, None] * first)
+
+
+def _foot(source: Upright, side: str) -> Foot:
+    """Return the recorded foot of one side."""
+    hip, knee, ankle = (source.at(f"{side}_{part}") for part in ("hip", "knee", "ankle"))
+    thigh, shank = rot.normalized(knee - hip), rot.normalized(ankle - knee)
+    across = source.at("left_hip") - source.at("right_hip")
+    normal = _hinge_axis(thigh, shank, source.turned(f"{side}_hip"), across)
+    joint = source.turned(f"{side}_ankle")
+    role = f"{side}_toe"
+    if source.has(role):
+        toe = source.at(role)
+        rest_line = source.rest_at(role) - source.rest_at(f"{side}_ankle")
+    else:
+        name = source.rig.joints[f"{side}_ankle"]
+        end = source.turn.T @ (source.turn @ source.clip.ends.get(name, np.zeros(3)))
+        toe = ankle + joint @ end * source.scale
+        rest_line = source.turn @ end
+    return Foot.recorded(ankle, toe, joint, normal, source, rest_line)
+
+
+def _arm(source: Upright, side: str, body: dict[str, Array]) -> None:
+    """Add upper arm, forearm and hand of one side to ``body``."""
+    shoulder, elbow = source.at(f"{side}_shoulder"), source.at(f"{side}_elbow")
+    name = source.rig.joints[f"{side}_elbow"]
+    if source.has(f"{side}_wrist"):
+        wrist = source.at(f"{side}_wrist")
+    elif name in source.clip.ends:
+        wrist = elbow + source.turned(f"{side}_elbow") @ source.clip.ends[name] * source.scale
+    else:
+        wrist = 2 * elbow - shoulder
+    upper, lower = rot.normalized(elbow - shoulder), rot.normalized(wrist - elbow)
+    torso = rot.to_matrix(body["torso"])
+    axis = _hinge_axis(upper, lower, source.turned(f"{side}_shoulder"), -torso[..., 1])
+    arm = frame_of(-upper, -axis)
+    angle = np.arctan2(rot.dot(rot.cross(upper, lower), axis), rot.dot(upper, lower))
+    body[f"{side}_upper_arm"] = rot.from_matrix(arm)
+    half = np.maximum(angle, 0) / 2
+    flex = np.stack([np.cos(half), 0 * half, -np.sin(half), 0 * half], axis=-1)
+    forearm = rot.multiply(body[f"{side}_upper_arm"], flex)
+    body[f"{side}_forearm"] = forearm
+    body[f"{side}_hand"] = forearm
+    if source.has(f"{side}_wrist") and source.facing is not None:
+        rest_arm = source.rest_at(f"{side}_wrist") - source.rest_at(f"{side}_elbow")
+        down = source.facing.T @ rot.normalized(rest_arm)
+        hang = rot.to_matrix(rot.between(-UP, down))
+        constant = source.turn.T @ source.facing @ hang
+        body[f"{side}_hand"] = rot.from_matrix(source.turned(f"{side}_wrist") @ constant)
+
+
+def _start(root: Array, pelvis: Array, fps: float) -> tuple[float, Array]:
+    """Return the heading [rad] in which the clip sets off, and where on the ground it begins."""
+    start = root[0] * (1.0, 1.0, 0.0)
+    away = (root - root[0])[:, :2]
+    far = np.linalg.norm(away, axis=1)
+    forward = rot.rotate(pelvis, np.array((1.0, 0.0, 0.0)))[:, :2]
+    facing = forward[: max(1, int(fps))].mean(axis=0)
+    goal = int(np.argmax(far > 1.0)) if (far > 1.0).any() else int(np.argmax(far))
+    facing = rot.normalized(forward[: goal + 1].mean(axis=0) if far[goal] > 0.3 else facing)
+    travel = away[goal] / max(far[goal], 1e-9)
+    # Someone who walks backwards or sideways should face +x, not travel along it.
+    heading = travel if far[goal] > 0.3 and travel @ facing > 0.5 else facing
+    return float(np.arctan2(heading[1], heading[0])), start
+
+
+def _assemble(
+    model: mujoco.MjModel, root: Array, body: dict[str, Array], knees: dict[str, Array]
+) -> Array:
+    """Return qpos (nframe, nq) from the root's position and the bodies' orientations."""
+    qpos = np.tile(model.qpos0, (len(root), 1))
+    zero = np.zeros(len(root))
+
+    def put(joint: str, value: Array) -> None:
+        at = model.jnt_qposadr[model.joint(joint).id]
+        qpos[:, at : at + value.shape[1]] = value
+
+    def ball(joint: str, parent: str, child: str) -> None:
+        quat = rot.multiply(rot.conjugate(body[parent]), body[child])
+        quat = rot.continuous(quat)
+        put(joint, -quat if quat[:, 0].mean() < 0 else quat)
+
+    put("root", np.concatenate([root, rot.continuous(body["pelvis"])], axis=1))
+    ball("spine", "pelvis", "torso")
+    ball("neck", "torso", "neck")
+    ball("head", "neck", "head")
+    for side in SIDES:
+        arm = rot.multiply(rot.conjugate(body[f"{side}_upper_arm"]), body[f"{side}_forearm"])
+        put(f"{side}_elbow", 2 * np.arctan2(-arm[:, 2:3], arm[:, :1]))
+        ball(f"{side}_shoulder", "torso", f"{side}_upper_arm")
+        ball(f"{side}_wrist", f"{side}_forearm", f"{side}_hand")
+        put(f"{side}_knee", knees[side][:, None])
+        half = knees[side] / 2
+        bend = np.stack([np.cos(half), zero, np.sin(half), zero], axis=-1)
+        body = body | {f"{side}_shank": rot.multiply(body[f"{side}_thigh"], bend)}
+        ball(f"{side}_hip", "pelvis", f"{side}_thigh")
+        ball(f"{side}_ankle", f"{side}_shank", f"{side}_foot")
+    return qpos

@@ -1,0 +1,160 @@
+"""A clip: a recorded motion on its own skeleton, in its file's own units and axes."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.exceptions import ClipError, frame_list
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Clip:
+    """Frames of a skeleton as read from a file; nothing is scaled or turned.
+
+    Attributes:
+      name: where the clip came from, for messages.
+      joint_names: (njoint) names, parents before children.
+      parents: (njoint,) index of each joint's parent, -1 for the root.
+      offsets: (njoint, 3) each joint's rest position relative to its parent.
+      positions: (nframe, njoint, 3) global joint positions.
+      rotations: (nframe, njoint, 3, 3) global rotations; identity at rest.
+      fps: frames a second.
+      ends: joint name to (3,) offset of the end of a last bone, in that joint's frame.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    parents: NDArray[np.int64]
+    offsets: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    rotations: NDArray[np.float64]
+    fps: float
+    ends: Mapping[str, NDArray[np.float64]]
+
+    @property
+    def nframe(self) -> int:
+        """Number of frames."""
+        return len(self.positions)
+
+    @property
+    def rest_positions(self) -> NDArray[np.float64]:
+        """(njoint, 3) joint positions when every rotation is the identity."""
+        rest = np.array(self.offsets)
+        for joint, parent in enumerate(self.parents):
+            if parent >= 0:
+                rest[joint] += rest[parent]
+        return rest
+
+    def index(self, joint: str) -> int:
+        """Return the index of a joint by name.
+
+        Raises:
+          ClipError: there is no such joint.
+        """
+        if joint not in self.joint_names:
+            raise ClipError(f"'{self.name}' has no joint '{joint}': see its joint_names")
+        return self.joint_names.index(joint)
+
+    def end_positions(self, joint: str) -> NDArray[np.float64]:
+        """Return (nframe, 3) global positions of the end site of ``joint``."""
+        at = self.index(joint)
+        return self.positions[:, at] + self.rotations[:, at] @ self.ends[joint]
+
+    def at_rate(self, fps: float) -> Clip:
+        """Return the same frames at another rate.
+
+        Raises:
+          ClipError: the rate is not positive.
+        """
+        if not (np.isfinite(fps) and fps > 0):
+            raise ClipError(f"fps is {fps}: it must be a positive number")
+        return dataclasses.replace(self, fps=float(fps))
+
+    def cut(self, start: int, end: int) -> Clip:
+        """Return frames ``start`` up to, not including, ``end``."""
+        return dataclasses.replace(
+            self, positions=self.positions[start:end], rotations=self.rotations[start:end]
+        )
+
+
+def pose_skeleton(
+    name: str,
+    joint_names: tuple[str, ...],
+    parents: NDArray[np.int64],
+    offsets: NDArray[np.float64],
+    translations: NDArray[np.float64],
+    local: NDArray[np.float64],
+    fps: float,
+    ends: Mapping[str, NDArray[np.float64]],
+) -> Clip:
+    """Run forward kinematics and return the clip.
+
+    Args:
+      name: for messages.
+      joint_names: (njoint) names, parents before children.
+      parents: (njoint,) parent indices.
+      offsets: (njoint, 3) rest offsets.
+      translations: (nframe, njoint, 3) positions relative to the parent, in the parent's frame.
+      local: (nframe, njoint, 3, 3) rotations relative to the parent.
+      fps: frames a second.
+      ends: end sites.
+
+    Raises:
+      ClipError: no frames, values that are not finite, or a rate that is not positive.
+    """
+    if len(local) == 0:
+        raise ClipError(f"'{name}' has no frames: export the clip again with its motion")
+    finite = np.isfinite(translations).all(axis=(1, 2)) & np.isfinite(local).all(axis=(1, 2, 3))
+    if not finite.all():
+        bad = np.flatnonzero(~finite)
+        raise ClipError(
+            f"'{name}' has values that are not finite at frames {frame_list(bad)}: mend the file",
+            bad.tolist(),
+        )
+    if not (np.isfinite(fps) and fps > 0):
+        raise ClipError(f"'{name}' has a rate of {fps} frames a second: give a positive one")
+    positions, rotations = np.empty_like(translations), np.empty_like(local)
+    for joint, parent in enumerate(parents):
+        if parent < 0:
+            positions[:, joint], rotations[:, joint] = translations[:, joint], local[:, joint]
+        else:
+            turn = rotations[:, parent]
+            shift = (turn @ translations[:, joint, :, None])[..., 0]
+            positions[:, joint] = positions[:, parent] + shift
+            rotations[:, joint] = turn @ local[:, joint]
+    return Clip(name, joint_names, parents, offsets, positions, rotations, float(fps), dict(ends))
+
+
+def axis_rotations(axis: str, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., 3, 3) rotations about the axis ``"x"``, ``"y"`` or ``"z"`` by angles [rad]."""
+    first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    result = np.zeros((*angles.shape, 3, 3))
+    result[..., range(3), range(3)] = 1.0
+    cos, sin = np.cos(angles), np.sin(angles)
+    result[..., first, first] = result[..., second, second] = cos
+    result[..., first, second], result[..., second, first] = -sin, sin
+    return result
+
+
+def read_text(path: str, kind: str) -> str:
+    """Return the text of a clip file.
+
+    Raises:
+      ClipError: the file is missing, not readable, or not text.
+    """
+    try:
+        with open(path, encoding="utf-8-sig", errors="strict") as file:
+            text = file.read()
+    except FileNotFoundError:
+        raise ClipError(f"{kind} file '{path}' does not exist: check the path") from None
+    except UnicodeDecodeError:
+        raise ClipError(f"'{path}' is not a {kind} file: it is not text") from None
+    except OSError as error:
+        raise ClipError(f"{kind} file '{path}' cannot be read: {error.strerror}") from None
+    if not text.strip():
+        raise ClipError(f"{kind} file '{path}' is empty: export the clip again")
+    return text

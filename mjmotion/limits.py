@@ -1,0 +1,168 @@
+"""Joint limits: swing and twist of balls, how far limits are broken, and putting joints back.
+
+A ball joint's quaternion splits as ``q = q_swing * q_twist``: first a twist about the body's own
+z-axis (the bone), then a swing whose rotation vector ``(x, y, 0)`` has no z-part. A model says a
+box of limits for the three numbers ``(swing_x, swing_y, twist_z)`` with a custom numeric named
+``limit_<joint>``: ``xmin xmax ymin ymax zmin zmax`` [rad]. A ball without it obeys MuJoCo's own
+``range`` on its total angle; hinges and slides obey their ``range``.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjmotion.exceptions import ModelError
+
+_BALL = int(mujoco.mjtJoint.mjJNT_BALL)
+_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+
+
+def ball_limits(model: mujoco.MjModel) -> dict[int, NDArray[np.float64]]:
+    """Return the swing and twist box of every ball that has one.
+
+    Returns:
+      Joint id to (3, 2) array: lower and upper limit [rad] of swing_x, swing_y and twist_z.
+
+    Raises:
+      ModelError: a numeric ``limit_<joint>`` names no ball, or is not six ordered numbers.
+    """
+    boxes: dict[int, NDArray[np.float64]] = {}
+    for index in range(model.nnumeric):
+        name = model.numeric(index).name
+        if not name.startswith("limit_"):
+            continue
+        joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name.removeprefix("limit_"))
+        if joint < 0 or model.jnt_type[joint] != _BALL:
+            raise ModelError(f"numeric '{name}' names no ball joint: name it limit_<ball joint>")
+        data = np.array(model.numeric(index).data, dtype=np.float64)
+        if data.shape != (6,) or (data[::2] > data[1::2]).any():
+            raise ModelError(
+                f"numeric '{name}' must be xmin xmax ymin ymax zmin zmax [rad], each min <= max"
+            )
+        boxes[joint] = data.reshape(3, 2)
+    return boxes
+
+
+def swing_twist(quat: ArrayLike) -> NDArray[np.float64]:
+    """Split quaternions into swing and twist about the local z-axis.
+
+    Args:
+      quat: (..., 4) unit quaternions wxyz.
+
+    Returns:
+      (..., 3): swing_x, swing_y [rad] (rotation vector of the swing, length at most pi) and
+      twist [rad] in (-pi, pi]. At a swing of exactly pi the twist is not defined and returned as 0.
+    """
+    w, x, y, z = np.moveaxis(np.asarray(quat, dtype=np.float64), -1, 0)
+    half = np.arctan2(z, w)
+    cos, sin = np.cos(half), np.sin(half)
+    # q * conj(twist); its w is hypot(w, z) >= 0, so the swing's half angle is in [0, pi/2].
+    swing_x, swing_y = x * cos - y * sin, x * sin + y * cos
+    length = np.hypot(swing_x, swing_y)
+    angle = 2 * np.arctan2(length, np.hypot(w, z))
+    factor = np.where(length > 1e-12, angle / np.maximum(length, 1e-12), 2.0)
+    twist = np.pi - np.mod(np.pi - 2 * half, 2 * np.pi)
+    return np.stack([swing_x * factor, swing_y * factor, twist], axis=-1)
+
+
+def from_swing_twist(angles: ArrayLike) -> NDArray[np.float64]:
+    """Build quaternions from swing and twist, the inverse of :func:`swing_twist`.
+
+    Args:
+      angles: (..., 3): swing_x, swing_y, twist [rad].
+
+    Returns:
+      (..., 4) unit quaternions wxyz.
+    """
+    x, y, twist = np.moveaxis(np.asarray(angles, dtype=np.float64), -1, 0)
+    half = np.hypot(x, y) / 2
+    cos, sinc = np.cos(half), np.sinc(half / np.pi) / 2
+    ct, st = np.cos(twist / 2), np.sin(twist / 2)
+    sx, sy = x * sinc, y * sinc
+    return np.stack([cos * ct, sx * ct + sy * st, sy * ct - sx * st, cos * st], axis=-1)
+
+
+def limit_names(model: mujoco.MjModel) -> list[str]:
+    """Return a name for each column of :func:`limit_excess`: the joint, and which of its angles."""
+    names = []
+    for joint, kind in _limited(model):
+        name = model.joint(joint).name
+        names += [f"{name}.{part}" for part in ("swing_x", "swing_y", "twist")] if kind else [name]
+    return names
+
+
+def limit_excess(model: mujoco.MjModel, qpos: ArrayLike) -> NDArray[np.float64]:
+    """Return how far every limit is broken, 0 inside.
+
+    Args:
+      model: the model; limits as in the module's description.
+      qpos: (nframe, nq), quaternions normalised.
+
+    Returns:
+      (nframe, nlimit) [rad], or [m] for slides; the columns are named by :func:`limit_names`:
+      one per limited hinge, slide or ball with a plain range, three per ball with a box.
+    """
+    qpos = np.atleast_2d(np.asarray(qpos, dtype=np.float64))
+    boxes = ball_limits(model)
+    columns = [np.zeros((len(qpos), 0))]
+    for joint, has_box in _limited(model):
+        at = model.jnt_qposadr[joint]
+        if has_box:
+            angles = swing_twist(qpos[:, at : at + 4])
+            low, high = boxes[joint].T
+        elif model.jnt_type[joint] == _BALL:
+            angles = _ball_angle(qpos[:, at : at + 4])[:, None]
+            low, high = np.zeros(1), model.jnt_range[joint, 1:]
+        else:
+            angles = qpos[:, at : at + 1]
+            low, high = model.jnt_range[joint, :1], model.jnt_range[joint, 1:]
+        columns.append(np.maximum(np.maximum(low - angles, angles - high), 0.0))
+    return np.concatenate(columns, axis=1)
+
+
+def clamp_to_limits(model: mujoco.MjModel, qpos: ArrayLike) -> NDArray[np.float64]:
+    """Return ``qpos`` (nframe, nq) with every joint moved to the nearest point of its limits.
+
+    Frames and joints already inside are returned bit for bit as they were.
+    """
+    result = np.array(np.atleast_2d(np.asarray(qpos, dtype=np.float64)))
+    boxes = ball_limits(model)
+    for joint, has_box in _limited(model):
+        at = model.jnt_qposadr[joint]
+        if model.jnt_type[joint] != _BALL:
+            result[:, at] = np.clip(result[:, at], *model.jnt_range[joint])
+            continue
+        quat = result[:, at : at + 4]
+        if has_box:
+            angles = swing_twist(quat)
+            inside = np.clip(angles, boxes[joint][:, 0], boxes[joint][:, 1])
+            bad = (inside != angles).any(axis=1)
+            clamped = from_swing_twist(inside[bad])
+        else:
+            angle, most = _ball_angle(quat), model.jnt_range[joint, 1]
+            bad = angle > most
+            axis = quat[bad, 1:] / np.linalg.norm(quat[bad, 1:], axis=1, keepdims=True)
+            sign = np.where(quat[bad, :1] < 0, -1.0, 1.0)
+            cos, sin = np.cos(most / 2), np.sin(most / 2)
+            clamped = np.concatenate([np.full_like(sign, cos), axis * sign * sin], axis=1)
+        # Keep the hemisphere, so that neighbouring frames stay close as numbers too.
+        flip = (clamped * quat[bad]).sum(axis=1, keepdims=True) < 0
+        quat[bad] = np.where(flip, -clamped, clamped)
+    return result
+
+
+def _limited(model: mujoco.MjModel) -> list[tuple[int, bool]]:
+    """Return the joints with limits, in order, and whether each is a ball with a box."""
+    boxes = ball_limits(model)
+    return [
+        (joint, joint in boxes)
+        for joint in range(model.njnt)
+        if model.jnt_type[joint] != _FREE and (joint in boxes or model.jnt_limited[joint])
+    ]
+
+
+def _ball_angle(quat: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the total angle [rad] in [0, pi] of quaternions (nframe, 4)."""
+    return 2 * np.arctan2(np.linalg.norm(quat[:, 1:], axis=1), np.abs(quat[:, 0]))
