@@ -1,0 +1,356 @@
+"""Videos and pictures of motions.
+
+render_video("walk.mp4", adapted, source, contacts=contacts)
+pictures = render_frames(adapted, [0, 30, 60])
+picture = render_strip(adapted, poses=9)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.contacts import Contact
+from mjmotion.exceptions import RenderError
+from mjmotion.motion import Motion
+from mjmotion.video import stage as staging
+from mjmotion.video.camera import FOVY, CameraPath, figure_extent, follow, whole_walk
+from mjmotion.video.captions import write_label
+from mjmotion.video.gl import Canvas, Image, ensure_gl
+from mjmotion.video.markers import HEEL, TOE, ContactMarks
+from mjmotion.video.stage import FieldWindow, Stage
+from mjmotion.video.writer import VideoWriter
+
+LAYOUTS = ("side-by-side", "ghost", "single")
+
+_MAX_FPS = 30.0
+_GHOST = (0.20, 0.42, 0.85, 0.38)
+_STRIP_FOVY = 20.0
+_MIN_SIZE = 64
+
+Progress = Callable[[int, int], None]
+"""Called with (frames done, frames in all)."""
+
+
+def render_video(
+    path: str | Path,
+    motion: Motion,
+    source: Motion | None = None,
+    *,
+    contacts: Sequence[Contact] = (),
+    layout: str = "side-by-side",
+    width: int = 1280,
+    height: int = 720,
+    fps: float | None = None,
+    crf: int = 20,
+    preview: bool = False,
+    captions: tuple[str, str] = ("source", "adapted"),
+    progress: Progress | None = None,
+) -> Path:
+    """Render a motion to an H.264 video.
+
+    Args:
+      path: the ``.mp4`` file; it appears only when it is complete.
+      motion: the motion, on a model with its scene.
+      source: the motion before adaptation, same model and frames.
+      contacts: contacts to mark, of both motions.
+      layout: ``"side-by-side"`` (source on a flat floor beside the motion in its scene),
+        ``"ghost"`` (source as a ghost in the motion's scene), or ``"single"``; without a source,
+        always single.
+      width: of the video, even [pixel].
+      height: of the video, even [pixel].
+      fps: frames a second at most; default 30. Faster motions are thinned evenly.
+      crf: H.264 constant rate factor; lower is better and larger.
+      preview: quicker and rougher: no shadows, no smoothing, 15 frames a second.
+      captions: what source and motion are called on the picture.
+      progress: called as ``progress(done, total)`` after each frame.
+
+    Returns:
+      the file.
+
+    Raises:
+      RenderError: no offscreen OpenGL, or settings that make no sense.
+      OutputError: the file cannot be written.
+      ModelError: source and motion have different joints, or a contact's site does not exist.
+    """
+    ensure_gl()
+    frames, rate = video_frames(motion, fps if fps is not None else _MAX_FPS / (1 + preview))
+    film = _Film(
+        motion,
+        source,
+        contacts=contacts,
+        layout=layout,
+        width=width,
+        height=height,
+        shadows=not preview,
+        samples=0 if preview else 4,
+        captions=captions,
+    )
+    with (
+        Canvas(film.model, width, height) as canvas,
+        VideoWriter(path, width, height, rate, crf) as writer,
+    ):
+        for done, frame in enumerate(frames, start=1):
+            writer.write(film.picture(canvas, int(frame)))
+            if progress is not None:
+                progress(done, len(frames))
+    return Path(path)
+
+
+def render_frames(
+    motion: Motion,
+    frames: Sequence[int],
+    width: int = 640,
+    height: int = 360,
+    *,
+    source: Motion | None = None,
+    contacts: Sequence[Contact] = (),
+    layout: str = "single",
+    shadows: bool = True,
+    captions: tuple[str, str] | None = None,
+) -> list[Image]:
+    """Return pictures (height, width, 3) of single frames; arguments as :func:`render_video`.
+
+    Raises:
+      RenderError: no offscreen OpenGL, or a frame that the motion does not have.
+    """
+    outside = [int(f) for f in frames if not 0 <= f < motion.nframe]
+    if outside:
+        raise RenderError(
+            f"the motion has frames 0 to {motion.nframe - 1}, not {outside[0]}", outside
+        )
+    film = _Film(
+        motion,
+        source,
+        contacts=contacts,
+        layout=layout,
+        width=width,
+        height=height,
+        shadows=shadows,
+        samples=4,
+        captions=captions,
+    )
+    with Canvas(film.model, width, height) as canvas:
+        return [film.picture(canvas, int(frame)) for frame in frames]
+
+
+def render_strip(
+    motion: Motion,
+    poses: int | Sequence[int] = 9,
+    width: int = 1600,
+    height: int = 400,
+    *,
+    contacts: Sequence[Contact] = (),
+) -> Image:
+    """Return one wide picture (height, width, 3) with several poses of a motion in its scene.
+
+    Args:
+      motion: the motion.
+      poses: how many, spread evenly over the way walked, or the frames themselves.
+      width: [pixel].
+      height: [pixel].
+      contacts: contacts whose footholds are marked.
+
+    Raises:
+      RenderError: no offscreen OpenGL.
+    """
+    _check_size(width, height)
+    frames = _even_steps(motion, poses) if isinstance(poses, int) else np.asarray(poses, np.int64)
+    view = whole_walk(motion.model, motion.qpos[frames], width / height, _STRIP_FOVY)
+    far = view.distance + float(np.ptp(motion.qpos[frames, :2], axis=0).max())
+    model = staging.picture_model(
+        motion.model, width, height, fovy=_STRIP_FOVY, fog=(far + 3.0, far + 20.0)
+    )
+    span = float(np.ptp(motion.qpos[frames, :2], axis=0).max())
+    model.vis.map.shadowclip = span / 2 + 2.0
+    model.vis.quality.shadowsize = 4096
+    window = FieldWindow(model, span + 20.0, 512)
+    marks = ContactMarks.of(motion, contacts)
+    stage = Stage(model, extra=len(frames) * model.ngeom + len(contacts))
+    with Canvas(model, width, height) as canvas:
+        window.move(view.lookat[0], canvas)
+        stage.begin(motion.qpos[frames[0]], view.at(0), width / height)
+        for frame in frames[1:]:
+            stage.add_figure(model, motion.qpos[frame])
+        marks.draw(stage, motion.nframe)
+        canvas.draw(mujoco.MjrRect(0, 0, width, height), stage.scene)
+        return canvas.read()
+
+
+def video_frames(motion: Motion, fps: float) -> tuple[NDArray[np.int64], float]:
+    """Return the frames that a video at no more than ``fps`` shows, and its frames a second.
+
+    Every k-th frame, so that motion is as even in the video as in the clip.
+    """
+    if not (np.isfinite(fps) and fps > 0):
+        raise RenderError(f"fps is {fps}: it must be a positive number")
+    step = max(int(np.ceil(motion.fps / fps - 1e-6)), 1)
+    return np.arange(0, motion.nframe, step), motion.fps / step
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Panel:
+    """A rectangle of the picture that shows one motion, maybe with a ghost beside it."""
+
+    rect: mujoco.MjrRect
+    stage: Stage
+    motion: Motion
+    camera: CameraPath
+    marks: ContactMarks
+    window: FieldWindow | None
+    caption: str | None
+    ghost: tuple[mujoco.MjModel, Motion] | None = None
+
+    def draw(self, canvas: Canvas, frame: int) -> None:
+        if self.window is not None:
+            self.window.move(self.camera.lookat[frame], canvas)
+        camera = self.camera.at(frame)
+        self.stage.begin(self.motion.qpos[frame], camera, self.rect.width / self.rect.height)
+        if self.ghost is not None:
+            self.stage.add_figure(self.ghost[0], self.ghost[1].qpos[frame])
+        self.marks.draw(self.stage, frame)
+        canvas.draw(self.rect, self.stage.scene)
+
+
+class _Film:
+    """Everything that the pictures of one motion need, made once."""
+
+    def __init__(
+        self,
+        motion: Motion,
+        source: Motion | None,
+        *,
+        contacts: Sequence[Contact],
+        layout: str,
+        width: int,
+        height: int,
+        shadows: bool,
+        samples: int,
+        captions: tuple[str, str] | None,
+    ) -> None:
+        if layout not in LAYOUTS:
+            raise RenderError(f"unknown layout '{layout}': use one of {', '.join(LAYOUTS)}")
+        _check_size(width, height)
+        if source is not None:
+            source = source.on(motion.model)
+            if source.nframe != motion.nframe:
+                raise RenderError(
+                    f"source has {source.nframe} frames and motion {motion.nframe}:"
+                    " they must have the same"
+                )
+        if source is None:
+            layout = "single"
+        self._fps, self._marked = motion.fps, bool(len(contacts))
+        self.model = staging.picture_model(
+            motion.model, width, height, fovy=FOVY, shadows=shadows, samples=samples
+        )
+        self._captioned = captions is not None
+        names = captions if captions is not None else (None, None)
+        camera = follow(motion.model, motion.qpos, motion.fps)
+        panels: list[_Panel] = []
+        left = 0
+        if layout == "side-by-side" and source is not None:
+            left = width // 2
+            marks = ContactMarks.of(source, contacts, flat=True)
+            panels.append(
+                _Panel(
+                    mujoco.MjrRect(0, 0, left, height),
+                    Stage(
+                        staging.without_scene(self.model),
+                        extra=len(contacts),
+                        floor=_floor_height(source, marks),
+                        shadows=shadows,
+                    ),
+                    source,
+                    _beside(source, camera),
+                    marks,
+                    None,
+                    names[0],
+                )
+            )
+        ghost = None
+        if layout == "ghost" and source is not None:
+            ghost = (staging.ghost(self.model, _GHOST), source)
+        panels.append(
+            _Panel(
+                mujoco.MjrRect(left, 0, width - left, height),
+                Stage(self.model, extra=len(contacts), shadows=shadows),
+                motion,
+                camera,
+                ContactMarks.of(motion, contacts),
+                FieldWindow(self.model),
+                names[1],
+                ghost,
+            )
+        )
+        self._panels = panels
+        self._legend = (
+            [(names[0], _GHOST[:3])] if ghost is not None and names[0] is not None else []
+        )
+
+    def picture(self, canvas: Canvas, frame: int) -> Image:
+        """Return the picture of one frame."""
+        for panel in self._panels:
+            panel.draw(canvas, frame)
+        image = canvas.read()
+        for panel in self._panels[1:]:
+            image[:, panel.rect.left - 1 : panel.rect.left + 1] = 255
+        if self._captioned:
+            self._write(image, frame)
+        return image
+
+    def _write(self, image: Image, frame: int) -> None:
+        height, width = image.shape[:2]
+        size = max(height // 26, 10)
+        small = max(height // 38, 9)
+        gap = size // 2
+        for panel in self._panels:
+            if panel.caption is not None:
+                write_label(image, panel.caption, panel.rect.left + gap, gap, size)
+        y = 2 * gap + size + size // 2
+        for text, colour in self._legend:
+            write_label(image, str(text), gap, y, small, dot=colour)
+        write_label(image, f"{frame / self._fps:5.2f} s    frame {frame}", gap, -gap, small)
+        if self._marked:
+            x = width - gap
+            x -= write_label(image, "toe", x, -gap, small, anchor="right", dot=TOE) + gap // 2
+            write_label(image, "heel", x, -gap, small, anchor="right", dot=HEEL)
+
+
+def _beside(source: Motion, camera: CameraPath) -> CameraPath:
+    """Return the view of the motion's camera, of the source in place of the motion."""
+    own = follow(source.model, source.qpos, source.fps, scene=False)
+    return dataclasses.replace(
+        camera, lookat=own.lookat, elevation=np.maximum(camera.elevation, np.radians(8.0))
+    )
+
+
+def _floor_height(source: Motion, marks: ContactMarks) -> float:
+    """Return where the flat floor under the source is [m]: where its contacts stand."""
+    if len(marks.start):
+        return float(np.median(marks.position[:, 2]))
+    return float(np.median(figure_extent(source.model, source.qpos)[0]))
+
+
+def _even_steps(motion: Motion, poses: int) -> NDArray[np.int64]:
+    """Return ``poses`` frames, evenly spaced along the way of the root; in time if it stands."""
+    if poses < 1:
+        raise RenderError(f"a strip of {poses} poses: ask for one or more")
+    way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(motion.qpos[:, :2], axis=0), axis=1))]
+    if way[-1] < 0.5:
+        way = np.arange(motion.nframe, dtype=np.float64)
+    marks = np.linspace(0.0, way[-1], poses) if poses > 1 else np.array([way[-1] / 2])
+    return np.unique(np.searchsorted(way, marks).clip(0, motion.nframe - 1))
+
+
+def _check_size(width: int, height: int) -> None:
+    """H.264 with 4:2:0 colours has even sizes only."""
+    if width % 2 or height % 2 or min(width, height) < _MIN_SIZE:
+        raise RenderError(
+            f"size {width}×{height}: both must be even and at least {_MIN_SIZE} pixels"
+        )
