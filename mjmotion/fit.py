@@ -1,0 +1,298 @@
+"""Hierarchical motion fitting: Algorithm 1, the first guess of §4.5 and the exact pass of §4.4.
+
+    result = fit(motion, constraints, levels=(16, 8, 4, 2), ik="hybrid")
+    result.motion, result.trace
+
+At each level an IK solver finds, for every constrained frame on its own, the least displacement
+that meets the constraints; a uniform cubic B-spline is fitted through those displacements; the
+motion moves by the spline; the knots halve. Submaps never add up: each is applied to the motion
+that the one before it left (Eq. 3).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjmotion import limits
+from mjmotion.constraints import SiteConstraint, Targets, lay_out
+from mjmotion.exceptions import FitError, unknown_name
+from mjmotion.ik.hybrid import HybridIK
+from mjmotion.ik.numeric import NumericIK
+from mjmotion.ik.solver import Clearance, IKSolver, position_error
+from mjmotion.kinematics import Kinematics, character_height
+from mjmotion.motion import Motion
+from mjmotion.spline import fit_level, fit_multilevel
+from mjmotion.tangent import oplus
+
+Array = NDArray[np.float64]
+
+SOLVERS = ("hybrid", "numeric")
+FIRST_SPACING = 16.0 / 30.0  # the paper's coarsest knots: 16 frames at 30 fps [s]
+FINEST = 2.0  # frames a knot of the last level
+EDGE_RESIDUAL = 1e-4  # what may be left beside free frames before the exact pass [m]
+_EXTRA_LEVELS = 6  # at most, at the finest spacing, to get the edges that close
+
+
+@dataclasses.dataclass(frozen=True)
+class LevelTrace:
+    """One level: its place (from 1), knots, time [s] and the error it left [% of height]."""
+
+    level: int
+    frames_per_knot: float
+    seconds: float
+    max_error_percent: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Trace:
+    """What a fit did: its levels, its whole time [s] and the errors before and after [%]."""
+
+    levels: tuple[LevelTrace, ...]
+    fit_seconds: float
+    first_error_percent: float
+    exact_error_percent: float
+    nscalar: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Unmet:
+    """A constraint that could not be met: where and by how much [mm]."""
+
+    constraint: str
+    frames: tuple[int, ...]
+    residual_mm: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted motion, what the fit did, and what it could not meet."""
+
+    motion: Motion
+    trace: Trace
+    unmet: tuple[Unmet, ...]
+
+
+def default_levels(fps: float) -> tuple[float, ...]:
+    """Return frames a knot of every level: 16, 8, 4, 2 at 30 fps, as long in seconds at others."""
+    first = max(FINEST, FIRST_SPACING * fps)
+    count = 1 + max(0, round(math.log2(first / FINEST)))
+    return tuple(FINEST * 2.0 ** (count - 1 - level) for level in range(count))
+
+
+def fit(
+    motion: Motion,
+    constraints: Sequence[SiteConstraint],
+    *,
+    levels: Sequence[float] | None = None,
+    tolerance: float = 0.0,
+    ik: str | IKSolver = "hybrid",
+    weights: ArrayLike | None = None,
+    clearance: Clearance | None = None,
+    first_guess: Array | bool = True,
+    exact: bool = True,
+    unmet_tolerance: float = 1e-3,
+    progress: Callable[[int, int], None] | None = None,
+) -> Fit:
+    """Fit a motion to constraints (Algorithm 1).
+
+    Args:
+      motion: the motion to change; it is not touched.
+      constraints: what must hold; see :class:`SiteConstraint`.
+      levels: frames a knot, coarse to fine; :func:`default_levels` without.
+      tolerance: refinement stops once no position is off by more [m].
+      ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
+      weights: (nv,) rigidity α of Eq. 4.
+      clearance: what to keep clear of.
+      first_guess: shift the root by the contacts' average shift first (§4.5), not at all, or by a
+        path (nframe, 3) of one's own [m].
+      exact: enforce every constrained frame at the end (§4.4).
+      unmet_tolerance: residual from which a constraint counts as not met [m].
+      progress: called with levels done and levels in all.
+
+    Raises:
+      FitError: settings that make no sense.
+      ConstraintError, ModelError: a frame or site that does not exist.
+    """
+    began = time.perf_counter()
+    spacings = _check_levels(default_levels(motion.fps) if levels is None else levels)
+    solver = _make_solver(motion, ik, weights)
+    everywhere = clearance is not None
+    targets = lay_out(constraints, motion.model, motion.nframe)
+    if everywhere:
+        targets = _over_all_frames(targets, motion.nframe)
+    height = character_height(motion.model)
+    qpos = np.array(motion.qpos)
+    if isinstance(first_guess, np.ndarray):
+        qpos[:, :3] += first_guess
+    elif first_guess and targets.contact.any():
+        qpos[:, :3] += contact_shift(motion, targets, spacings)
+
+    traced: list[tuple[float, float, float]] = []  # spacing, seconds, error before the level
+    queue = list(spacings)
+    last_error = math.nan
+    while queue:
+        spacing = queue.pop(0)
+        start = time.perf_counter()
+        frames, displacement, last_error = _solve_level(solver, qpos, targets, clearance)
+        if traced and last_error <= tolerance:
+            break
+        if len(frames):
+            submap = fit_level(frames, displacement, motion.nframe, spacing)
+            qpos = oplus(motion.model, qpos, submap)
+        traced.append((spacing, time.perf_counter() - start, last_error))
+        if progress is not None:
+            progress(len(traced), len(spacings) + int(exact))
+        extra = len(traced) - len(spacings)
+        if not queue and exact and 0 <= extra < _EXTRA_LEVELS and _has_edges(targets, motion):
+            if _edge_residual(motion, qpos, targets) > EDGE_RESIDUAL:
+                queue.append(spacings[-1])
+    if exact and len(targets.frames) and len(targets.sites):
+        solution = solver.enforce(qpos[targets.frames], targets)
+        last_error = float(solution.error.max(initial=0.0))
+        qpos[targets.frames] = oplus(motion.model, qpos[targets.frames], solution.displacement)
+    qpos = limits.clamp_to_limits(motion.model, qpos)
+    fitted = motion.replace(qpos)
+    residual = residuals(fitted, targets)
+    seconds = time.perf_counter() - began
+    worst = float(residual.max(initial=0.0))
+    if not exact:
+        last_error = worst
+    percent = 100.0 / height
+    after = [error for _, _, error in traced[1:]] + [last_error]
+    trace = Trace(
+        tuple(
+            LevelTrace(index + 1, spacing, took, percent * error)
+            for index, ((spacing, took, _), error) in enumerate(zip(traced, after, strict=True))
+        ),
+        seconds,
+        percent * (traced[0][2] if traced else 0.0),
+        percent * worst,
+        sum(constraint.nscalar for constraint in constraints),
+    )
+    return Fit(fitted, trace, _unmet(motion, targets, residual, unmet_tolerance))
+
+
+def _check_levels(levels: Sequence[float]) -> list[float]:
+    spacings = [float(spacing) for spacing in levels]
+    if not spacings:
+        raise FitError("levels is empty: give frames a knot, such as 16, 8, 4, 2")
+    if any(not (math.isfinite(spacing) and spacing > 0) for spacing in spacings):
+        raise FitError(f"levels {spacings} must be positive numbers of frames")
+    if any(b > a for a, b in zip(spacings, spacings[1:], strict=False)):
+        raise FitError(f"levels {spacings} must go from coarse to fine")
+    return spacings
+
+
+def _make_solver(motion: Motion, ik: str | IKSolver, weights: ArrayLike | None) -> IKSolver:
+    if not isinstance(ik, str):
+        return ik
+    if ik not in SOLVERS:
+        raise FitError(unknown_name("IK solver", ik, SOLVERS))
+    alpha = None if weights is None else np.asarray(weights, dtype=np.float64)
+    if alpha is not None and (alpha.shape != (motion.model.nv,) or not (alpha > 0).all()):
+        raise FitError(f"weights must be {motion.model.nv} positive numbers, one a dof")
+    return (HybridIK if ik == "hybrid" else NumericIK)(motion.model, alpha)
+
+
+def _over_all_frames(targets: Targets, nframe: int) -> Targets:
+    """Spread targets over every frame, so that a clearance can ask for any of them."""
+    shape = (nframe, len(targets.sites))
+    quat = np.zeros((*shape, 4))
+    quat[..., 0] = 1.0
+    spread = {
+        "position": np.zeros((*shape, 3)),
+        "matrix": np.broadcast_to(np.eye(3), (*shape, 3, 3)).copy(),
+        "quat": quat,
+        "position_weight": np.zeros(shape),
+        "turn_weight": np.zeros(shape),
+        "contact": np.zeros(shape, dtype=bool),
+    }
+    for name, values in spread.items():
+        values[targets.frames] = getattr(targets, name)
+    return Targets(frames=np.arange(nframe), sites=targets.sites, **spread)  # type: ignore[arg-type]
+
+
+def _held(targets: Targets) -> NDArray[np.bool_]:
+    """Which of the targets' frames hold anything (n,)."""
+    return (targets.position_weight > 0).any(axis=1) | (targets.turn_weight > 0).any(axis=1)
+
+
+def _solve_level(
+    solver: IKSolver, qpos: Array, targets: Targets, clearance: Clearance | None
+) -> tuple[NDArray[np.int64], Array, float]:
+    solution = solver.solve(qpos[targets.frames], targets, clearance)
+    error = float(solution.error.max(initial=0.0))
+    if clearance is None:
+        return targets.frames, solution.displacement, error
+    wanted = _held(targets) | np.any(solution.displacement != 0.0, axis=1)
+    return targets.frames[wanted], solution.displacement[wanted], error
+
+
+def contact_shift(motion: Motion, targets: Targets, spacings: Sequence[float]) -> Array:
+    """Return the root shift of §4.5 (nframe, 3) [m]: the contacts' average shift, smoothed."""
+    pose = Kinematics(motion.model, len(targets.frames)).forward(motion.qpos[targets.frames])
+    shift = targets.position - pose.site_xpos[:, targets.sites]
+    share = (targets.contact & (targets.position_weight > 0)).astype(float)
+    count = share.sum(axis=1)
+    has = count > 0
+    mean = (shift * share[..., None]).sum(axis=1)[has] / count[has, None]
+    return fit_multilevel(targets.frames[has], mean, motion.nframe, spacings)
+
+
+def _has_edges(targets: Targets, motion: Motion) -> bool:
+    return not (
+        len(targets.frames) == motion.nframe
+        and (targets.position_weight > 0).all(axis=0).sum() == len(targets.sites)
+    )
+
+
+def _edge_residual(motion: Motion, qpos: Array, targets: Targets) -> float:
+    """Largest position error in frames next to one where that site is free [m]."""
+    held = np.zeros((motion.nframe + 2, len(targets.sites)), dtype=bool)
+    held[targets.frames + 1] = targets.position_weight > 0
+    held[0], held[-1] = held[1], held[-2]
+    edge = held[1:-1] & ~(held[:-2] & held[2:])
+    gap = residuals(motion.replace(qpos), targets)
+    return float((gap * edge[targets.frames]).max(initial=0.0))
+
+
+def residuals(motion: Motion, targets: Targets) -> Array:
+    """Return position errors (n, s) [m] at the targets' frames, 0 where nothing is wanted."""
+    if len(targets.frames) == 0 or len(targets.sites) == 0:
+        return np.zeros((len(targets.frames), len(targets.sites)))
+    pose = Kinematics(motion.model, len(targets.frames)).forward(motion.qpos[targets.frames])
+    gap = np.linalg.norm(targets.position - pose.site_xpos[:, targets.sites], axis=-1)
+    return np.asarray(gap * (targets.position_weight > 0))
+
+
+def _unmet(
+    motion: Motion, targets: Targets, residual: Array, tolerance: float
+) -> tuple[Unmet, ...]:
+    found = []
+    for column, site in enumerate(targets.sites):
+        exact = targets.position_weight[:, column] == 1.0
+        bad = np.flatnonzero(exact & (residual[:, column] > tolerance))
+        if len(bad):
+            frames = tuple(int(frame) for frame in targets.frames[bad])
+            worst = 1000.0 * float(residual[bad, column].max())
+            found.append(Unmet(f"position of {motion.model.site(site).name}", frames, worst))
+    return tuple(found)
+
+
+__all__ = [
+    "Fit",
+    "LevelTrace",
+    "Trace",
+    "Unmet",
+    "contact_shift",
+    "default_levels",
+    "fit",
+    "position_error",
+    "residuals",
+]

@@ -1,0 +1,216 @@
+"""The hybrid solver (§5.2): few parameters left to optimise, limbs closed in form.
+
+Where a limb's end is held, its seven joints follow from the body it hangs from and from one swivel
+angle. What is left to find is the root, the joints between the root and the limbs' bases, and a
+swivel a limb: 8 numbers for a walk instead of 20. Each solve is one Gauss–Newton step on them:
+
+1. close every held limb where the body now is (Eq. 7), which costs a displacement ``d0``;
+2. with ``T`` how all joints follow the parameters z when the limbs stay closed, find the z that
+   minimises ``|d0 + T z|²`` in the weights of Eq. 4, with a penalty (Eq. 6) on hips that are
+   further from their ankles than the limb reaches;
+3. the displacement is ``d0 + T z``.
+
+Frames that break an inequality need every joint, not only these; they are few, and go to the
+numeric solver.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.constraints import Targets
+from mjmotion.exceptions import FitError
+from mjmotion.ik.limb import Limb, Limbs, LimbState, body_pose, find_limbs
+from mjmotion.ik.numeric import NumericIK
+from mjmotion.ik.solver import Clearance, Solution, default_weights
+from mjmotion.kinematics import body_dofs
+from mjmotion.rotations import conjugate, cross, dot, exp, log, multiply, rotate, to_matrix
+
+Array = NDArray[np.float64]
+
+REACH_PENALTY = 3e3  # ω of Eq. 6 for a limb that does not reach [1/m²]
+REACH_SHARE = 0.998  # share of a limb's length that counts as reach: a straight knee is singular
+
+
+class HybridIK:
+    """Closed-form limbs under a numeric body.
+
+    Args:
+      model: a MuJoCo model with a free root and limbs (:func:`mjmotion.ik.limb.find_limbs`).
+      weights: (nv,) rigidity α of Eq. 4.
+    """
+
+    def __init__(self, model: mujoco.MjModel, weights: Array | None = None) -> None:
+        self.model = model
+        self.weights = default_weights(model) if weights is None else np.asarray(weights)
+        self._numeric = NumericIK(model, self.weights)
+        self._ends = {limb.end: limb for limb in find_limbs(model)}
+        self._plan: tuple[bytes, Limbs] | None = None
+
+    def solve(
+        self, qpos: Array, targets: Targets, inequalities: Clearance | None = None
+    ) -> Solution:
+        """Return the least displacements towards ``targets``; see :class:`IKSolver`."""
+        displacement = np.zeros((len(qpos), self.model.nv))
+        error = np.zeros(len(qpos))
+        if len(targets.sites):
+            limbs = self._limbs(targets)
+            state = limbs.state(qpos)
+            goal, end, error = self._goals(limbs, state, targets)
+            d0 = limbs.close(state, goal, end)
+            base, follow = self._follow(qpos, limbs, state)
+            z = self._body_step(limbs, base, follow, d0, goal)
+            step = d0 + (np.swapaxes(follow, 2, 3) @ z)[..., 0]
+            displacement[:, base.dofs] = z[:, 0, :-1, 0]
+            displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
+        if inequalities is not None:
+            broken = np.unique(inequalities(qpos, targets.frames).frame)
+            if len(broken):
+                few = self._numeric.solve(qpos[broken], targets.at(broken), inequalities)
+                displacement[broken] = few.displacement
+        return Solution(displacement, error)
+
+    def enforce(self, qpos: Array, targets: Targets) -> Solution:
+        """Close every held limb where the body is (§4.4): the body stays as fitted."""
+        limbs = self._limbs(targets)
+        state = limbs.state(qpos)
+        goal, end, error = self._goals(limbs, state, targets)
+        displacement = np.zeros((len(qpos), self.model.nv))
+        step = limbs.close(state, goal, end)
+        displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
+        return Solution(displacement, error)
+
+    def _limbs(self, targets: Targets) -> Limbs:
+        key = targets.sites.tobytes()
+        if self._plan is None or self._plan[0] != key:
+            limbs: list[Limb] = []
+            for site in targets.sites:
+                limb = self._ends.get(int(self.model.site_bodyid[site]))
+                name = self.model.site(site).name
+                if limb is None:
+                    raise FitError(
+                        f"site '{name}' is not on a hand or foot at the end of a ball-hinge-ball"
+                        " limb, which hybrid IK needs: use ik='numeric'"
+                    )
+                if limb in limbs:
+                    raise FitError(
+                        f"two constrained sites, one of them '{name}', are on the same limb, which"
+                        " hybrid IK cannot hold apart: use ik='numeric'"
+                    )
+                limbs.append(limb)
+            self._plan = (key, Limbs(self.model, limbs))
+        return self._plan[1]
+
+    def _goals(
+        self, limbs: Limbs, state: LimbState, targets: Targets
+    ) -> tuple[Array, Array, Array]:
+        """Hip to ankle and end orientation in the bases' frames, and position errors (n,) [m].
+
+        What is not held stays as it is: the orientation of the end, or the place of the site.
+        """
+        point = self.model.site_pos[targets.sites]
+        to_end = conjugate(self.model.site_quat[targets.sites])
+        current = multiply(state.base_quat, state.end)
+        arm = rotate(current, point - limbs.end_anchor)
+        site = state.hip + rotate(state.base_quat, state.ankle) + arm
+        gap = targets.position - site
+        held = targets.position_weight
+        error = np.sqrt(np.max(dot(gap, gap) * (held > 0.0), axis=1, initial=0.0))
+        end_quat = multiply(targets.quat, to_end)
+        if not (targets.turn_weight == 1.0).all():
+            turn = log(multiply(conjugate(current), end_quat)) * targets.turn_weight[..., None]
+            end_quat = multiply(current, exp(turn))
+        position = targets.position if (held == 1.0).all() else site + held[..., None] * gap
+        goal = limbs.goal(state, position, end_quat, point)
+        return goal, multiply(conjugate(state.base_quat), end_quat), error
+
+    def _follow(self, qpos: Array, limbs: Limbs, state: LimbState) -> tuple[_Base, Array]:
+        """How the limbs' joints follow the body: (n, nlimb, nbase + 1, 7), the last row swivel."""
+        base = _Base(self.model, limbs, qpos)
+        frame = to_matrix(state.base_quat)
+        ankle = state.hip + (frame @ state.ankle[..., None])[..., 0]
+        twist = base.twist(ankle, frame)
+        rates, swivel = limbs.closure(state)
+        follow = np.empty((*twist.shape[:2], twist.shape[2] + 1, 7))
+        follow[:, :, :-1] = twist @ np.swapaxes(rates, 2, 3)
+        follow[:, :, -1] = swivel
+        base.hip_push = base.twist(state.hip, frame)[..., 3:]
+        return base, follow
+
+    def _body_step(
+        self, limbs: Limbs, base: _Base, follow: Array, d0: Array, goal: Array
+    ) -> Array:
+        """Solve ``(Tᵀ M T) z = −Tᵀ M d0``, swivels eliminated: (n, nlimb, nbase + 1, 1)."""
+        weighted = follow * self.weights[limbs.dofs][:, None]
+        gram = weighted @ np.swapaxes(follow, 2, 3)
+        slope = -(weighted @ d0[..., None])[..., 0]
+        # Each swivel couples its own limb only: take it out by its Schur complement.
+        swivel = np.maximum(gram[..., -1, -1], 1e-9)
+        couple = gram[..., -1, :-1]
+        share = couple / swivel[..., None]
+        matrix = gram[..., :-1, :-1] - couple[..., :, None] * share[..., None, :]
+        right = slope[..., :-1] - share * slope[..., -1:]
+        length = np.sqrt(dot(goal, goal))
+        over = np.maximum(0.0, length - REACH_SHARE * limbs.reach)
+        if over.any():
+            line = goal / np.maximum(length, 1e-9)[..., None]
+            pull = (base.hip_push @ line[..., None])[..., 0]
+            pull = pull * (REACH_PENALTY**0.5 * (over > 0.0))[..., None]
+            matrix = matrix + pull[..., :, None] * pull[..., None, :]
+            right = right + pull * (REACH_PENALTY**0.5 * over)[..., None]
+        matrix = np.sum(matrix, axis=1) + np.diag(self.weights[base.dofs])
+        body = np.linalg.solve(matrix, np.sum(right, axis=1)[..., None])
+        z = np.empty((*d0.shape[:2], body.shape[1] + 1, 1))
+        z[:, :, :-1] = body[:, None]
+        z[:, :, -1, 0] = slope[..., -1] / swivel - (share[..., None, :] @ z[:, :, :-1])[..., 0, 0]
+        return z
+
+
+class _Base:
+    """Degrees of freedom between the world and the limbs' bases, with their world axes."""
+
+    hip_push: Array
+
+    def __init__(self, model: mujoco.MjModel, limbs: Limbs, qpos: Array) -> None:
+        # (nlimb, nbase) which of them carry which limb
+        carried = np.stack([body_dofs(model, limb.base) for limb in limbs.limbs])
+        self.dofs = np.flatnonzero(carried.any(axis=0))
+        self._moves = None if carried[:, self.dofs].all() else carried[:, self.dofs]
+        count = len(self.dofs)
+        self._axis = np.zeros((len(qpos), count, 3))
+        self._anchor = np.zeros((len(qpos), count, 3))
+        self._turning = np.ones(count, dtype=bool)
+        column = 0
+        while column < count:
+            joint = int(model.dof_jntid[self.dofs[column]])
+            position, quat = body_pose(model, qpos, int(model.jnt_bodyid[joint]))
+            kind = mujoco.mjtJoint(int(model.jnt_type[joint]))
+            if kind == mujoco.mjtJoint.mjJNT_FREE:
+                self._axis[:, column : column + 3] = np.eye(3)
+                self._turning[column : column + 3] = False
+                column += 3
+            if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
+                self._axis[:, column : column + 3] = np.swapaxes(to_matrix(quat), 1, 2)
+                width = 3
+            else:
+                axis = np.broadcast_to(model.jnt_axis[joint], position.shape)
+                self._axis[:, column] = rotate(quat, axis)
+                self._turning[column] = kind == mujoco.mjtJoint.mjJNT_HINGE
+                width = 1
+            pivot = np.broadcast_to(model.jnt_pos[joint], position.shape)
+            anchor = position + rotate(quat, pivot)
+            self._anchor[:, column : column + width] = anchor[:, None]
+            column += width
+
+    def twist(self, point: Array, frame: Array) -> Array:
+        """Return what each dof does at ``point`` (n, nlimb, 3): (n, nlimb, nbase, 6).
+
+        Turning, then moving, in the frames (n, nlimb, 3, 3).
+        """
+        turn = np.where(self._turning[:, None], self._axis, 0.0)[:, None]
+        move = cross(turn, point[:, :, None] - self._anchor[:, None])
+        move[:, :, ~self._turning] = self._axis[:, None, ~self._turning]
+        twist = np.concatenate((turn @ frame, move @ frame), axis=-1)
+        return twist if self._moves is None else twist * self._moves[None, :, :, None]

@@ -1,0 +1,227 @@
+"""The numeric solver (§5.1): Gauss–Newton on every frame at once, for any tree with a free root.
+
+The unknown is the displacement itself (Eq. 5), so rotations need no unit-length constraint. Each
+step solves the least-deviation problem
+
+    minimise ½ dᵀ M d   subject to   J d = e + J d_prev
+
+through its dual, ``d = M⁻¹ Jᵀ (J M⁻¹ Jᵀ + R)⁻¹ (e + J d_prev)``, which is E×E for E constraints and
+far smaller than the D×D primal for D degrees of freedom. ``R`` softens rows whose weight is below 1.
+Inequalities enter as equalities in the frames that break them, and joints that leave their range
+are put on its edge and held there for the rest of the solve: the penalty of Eq. 6 in the limit.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion import limits
+from mjmotion.constraints import Targets
+from mjmotion.ik.solver import (
+    Clearance,
+    Inequalities,
+    Solution,
+    default_weights,
+    position_error,
+)
+from mjmotion.kinematics import Kinematics, Pose, body_dofs
+from mjmotion.rotations import from_matrix, log
+from mjmotion.tangent import ominus, oplus
+
+Array = NDArray[np.float64]
+
+STEP_LIMIT = 0.7  # the most that any degree of freedom changes in one step [rad or m]
+_RIDGE = 1e-9  # keeps the dual solvable where a limb is straight [m²]
+_SOFT = 0.05  # compliance of a row at half weight [m²]
+_HELD = 1e-6  # share of its freedom that a held degree of freedom keeps
+_MAX_ROWS = 12  # inequalities of one frame that are solved at a time, the worst first
+_LIMIT_ROUNDS = 3
+_LIMIT_TOLERANCE = 1e-9  # [rad]
+
+
+class NumericIK:
+    """Least-deviation Gauss–Newton over all frames.
+
+    Args:
+      model: any MuJoCo model with a free root.
+      weights: (nv,) rigidity α of Eq. 4; :func:`default_weights` without.
+      iterations: Gauss–Newton steps a solve.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, weights: Array | None = None, iterations: int = 2
+    ) -> None:
+        self.model = model
+        self.weights = default_weights(model) if weights is None else np.asarray(weights)
+        self.iterations = iterations
+        self._kinematics: Kinematics | None = None
+
+    def solve(
+        self, qpos: Array, targets: Targets, inequalities: Clearance | None = None
+    ) -> Solution:
+        """Return the least displacements towards ``targets``; see :class:`IKSolver`."""
+        freedom = np.broadcast_to(1.0 / self.weights, (len(qpos), self.model.nv))
+        return self._descend(qpos, targets, inequalities, freedom, self.iterations)
+
+    def enforce(self, qpos: Array, targets: Targets) -> Solution:
+        """Return displacements that meet ``targets`` with the root nearly still (§4.4)."""
+        freedom = np.array(np.broadcast_to(1.0 / self.weights, (len(qpos), self.model.nv)))
+        freedom[:, :6] *= 1e-3
+        return self._descend(qpos, targets, None, freedom, self.iterations + 4)
+
+    def _pose(self, qpos: Array) -> Pose:
+        if self._kinematics is None or self._kinematics.nframe < len(qpos):
+            self._kinematics = Kinematics(self.model, len(qpos))
+        rows = None if self._kinematics.nframe == len(qpos) else np.arange(len(qpos))
+        return self._kinematics.forward(qpos, rows)
+
+    def _descend(
+        self,
+        qpos: Array,
+        targets: Targets,
+        inequalities: Clearance | None,
+        freedom: Array,
+        iterations: int,
+    ) -> Solution:
+        displacement = np.zeros((len(qpos), self.model.nv))
+        first_error = np.zeros(len(qpos))
+        dofs = self._dofs(targets, inequalities is not None)
+        moved = qpos
+        for iteration in range(iterations):
+            pose = self._pose(moved)
+            if iteration == 0:
+                first_error = position_error(pose.site_xpos[:, targets.sites], targets)
+            jacobian, error, compliance = self._equalities(pose, targets, dofs)
+            step = least_deviation(
+                jacobian, error, compliance, freedom[:, dofs], displacement[:, dofs]
+            )
+            if inequalities is not None:
+                broken = inequalities(moved, targets.frames)
+                if len(broken.frame):
+                    rows, extended = _append(broken, jacobian, error, compliance, dofs)
+                    step[rows] = least_deviation(
+                        *extended, freedom[rows][:, dofs], displacement[rows][:, dofs]
+                    )
+            change = step - displacement[:, dofs]
+            size = np.max(np.abs(change), axis=1, initial=0.0)
+            change *= np.minimum(1.0, STEP_LIMIT / np.maximum(size, 1e-12))[:, None]
+            displacement[:, dofs] += change
+            moved, displacement, freedom = self._within_limits(qpos, displacement, freedom)
+        return Solution(displacement, first_error)
+
+    def _dofs(self, targets: Targets, everything: bool) -> NDArray[np.int64]:
+        """Degrees of freedom that can serve: those that move a constrained site."""
+        if everything:
+            return np.arange(self.model.nv)
+        moves = np.zeros(self.model.nv, dtype=bool)
+        for site in targets.sites:
+            moves |= body_dofs(self.model, int(self.model.site_bodyid[site]))
+        return np.flatnonzero(moves)
+
+    def _equalities(
+        self, pose: Pose, targets: Targets, dofs: NDArray[np.int64]
+    ) -> tuple[Array, Array, Array]:
+        """Rows (n, e, k), errors (n, e) and compliances (n, e) of all targets; absent rows are 0."""
+        jacobians, errors, weights = [], [], []
+        for column, site in enumerate(targets.sites):
+            jacp, jacr = pose.jacobian(
+                pose.site_xpos[:, site], int(self.model.site_bodyid[site]), dofs
+            )
+            if targets.position_weight[:, column].any():
+                jacobians.append(jacp)
+                errors.append(targets.position[:, column] - pose.site_xpos[:, site])
+                weights.append(np.repeat(targets.position_weight[:, column, None], 3, axis=1))
+            if targets.turn_weight[:, column].any():
+                turn = targets.matrix[:, column] @ np.swapaxes(pose.site_xmat[:, site], 1, 2)
+                jacobians.append(jacr)
+                errors.append(log(from_matrix(turn)))
+                weights.append(np.repeat(targets.turn_weight[:, column, None], 3, axis=1))
+        if not jacobians:
+            shape = (len(pose.xpos), 0)
+            return np.zeros((*shape, len(dofs))), np.zeros(shape), np.zeros(shape)
+        weight = np.concatenate(weights, axis=1)
+        present = weight > 0.0
+        compliance = np.where(present, _SOFT * (1.0 / np.maximum(weight, 1e-6) - 1.0), 1.0)
+        return (
+            np.concatenate(jacobians, axis=1) * present[..., None],
+            np.concatenate(errors, axis=1) * present,
+            compliance,
+        )
+
+    def _within_limits(
+        self, qpos: Array, displacement: Array, freedom: Array
+    ) -> tuple[Array, Array, Array]:
+        """Put joints that left their range on its edge and hold them there."""
+        moved = oplus(self.model, qpos, displacement)
+        clamped = limits.clamp_to_limits(self.model, moved)
+        wrong = np.flatnonzero(np.abs(clamped - moved).max(axis=1) > _LIMIT_TOLERANCE)
+        if len(wrong) == 0:
+            return moved, displacement, freedom
+        displacement, freedom = displacement.copy(), np.array(freedom)
+        moved[wrong] = clamped[wrong]
+        edge = ominus(self.model, clamped[wrong], qpos[wrong])
+        off = np.abs(edge - displacement[wrong]) > _LIMIT_TOLERANCE
+        # A ball is held as a whole: its three numbers are one joint.
+        for joint in range(self.model.njnt):
+            columns = np.flatnonzero(self.model.dof_jntid == joint)
+            hit = off[:, columns].any(axis=1)
+            if joint > 0 and hit.any():
+                freedom[np.ix_(wrong[hit], columns)] *= _HELD
+        displacement[wrong] = edge
+        return moved, displacement, freedom
+
+
+def least_deviation(
+    jacobian: Array, error: Array, compliance: Array, freedom: Array, previous: Array
+) -> Array:
+    """Return the displacement of least ``Σ |d|²/freedom`` with ``J d = e + J d_prev``.
+
+    Args:
+      jacobian: (n, e, k) rows.
+      error: (n, e) what is left of each row at ``previous``.
+      compliance: (n, e) softness of each row; 0 is exact.
+      freedom: (n, k) inverse rigidity, 1/α.
+      previous: (n, k) the displacement so far.
+
+    Returns:
+      (n, k) displacements.
+    """
+    if jacobian.shape[1] == 0:
+        return np.zeros_like(previous)
+    spread = jacobian * freedom[:, None, :]
+    dual = spread @ np.swapaxes(jacobian, 1, 2)
+    index = np.arange(dual.shape[1])
+    dual[:, index, index] += compliance + _RIDGE
+    wanted = error + (jacobian @ previous[..., None])[..., 0]
+    force = np.linalg.solve(dual, wanted[..., None])
+    return np.asarray((np.swapaxes(spread, 1, 2) @ force)[..., 0])
+
+
+def _append(
+    broken: Inequalities,
+    jacobian: Array,
+    error: Array,
+    compliance: Array,
+    dofs: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], tuple[Array, Array, Array]]:
+    """Add broken inequalities as rows, the worst first, in the frames that have any."""
+    order = np.lexsort((-broken.needed, broken.frame))
+    frame = broken.frame[order]
+    frames, first, count = np.unique(frame, return_index=True, return_counts=True)
+    rank = np.arange(len(frame)) - np.repeat(first, count)
+    keep = rank < _MAX_ROWS
+    local, rank = np.searchsorted(frames, frame[keep]), rank[keep]
+    size = int(rank.max()) + 1
+    rows = np.zeros((len(frames), size, len(dofs)))
+    needed = np.zeros((len(frames), size))
+    soft = np.ones((len(frames), size))
+    rows[local, rank] = broken.rows[order[keep]][:, dofs]
+    needed[local, rank] = broken.needed[order[keep]]
+    soft[local, rank] = 1e-4
+    return frames, (
+        np.concatenate((jacobian[frames], rows), axis=1),
+        np.concatenate((error[frames], needed), axis=1),
+        np.concatenate((compliance[frames], soft), axis=1),
+    )

@@ -1,0 +1,88 @@
+"""What every IK solver does: the least displacement that meets the constraints, frame by frame.
+
+A solver sees the poses of the constrained frames, all at once, and answers with one displacement a
+frame, which minimises Eq. 4, ``Σ α_i |v_i|²``, among those that meet the targets. It keeps nothing
+between calls that changes an answer.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.constraints import Targets
+
+Array = NDArray[np.float64]
+
+ROOT_SHIFT_WEIGHT = 4.0  # α of the root's translation, against 1 rad² of a light joint [1/m²]
+_LIGHT, _HEAVY = 0.5, 4.0  # α of a joint that moves nothing, and of one that moves the whole body
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Inequalities:
+    """Wishes ``rows @ displacement ≥ needed``, each about one frame.
+
+    Attributes:
+      frame: (m,) which of the poses handed in.
+      rows: (m, nv).
+      needed: (m,) [m]; positive where the pose breaks the wish.
+    """
+
+    frame: NDArray[np.int64]
+    rows: Array
+    needed: Array
+
+
+class Clearance(Protocol):
+    """Something to keep clear of."""
+
+    def __call__(self, qpos: Array, frames: NDArray[np.int64]) -> Inequalities:
+        """Return what poses (n, nq) at ``frames`` (n,) lack; only frames that lack something."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Solution:
+    """Displacements (n, nv), and how far the poses handed in were from their targets.
+
+    ``error`` (n,) is the largest position error of a frame before solving [m].
+    """
+
+    displacement: Array
+    error: Array
+
+
+class IKSolver(Protocol):
+    """The least displacement that meets the targets (Eq. 4)."""
+
+    def solve(
+        self, qpos: Array, targets: Targets, inequalities: Clearance | None = None
+    ) -> Solution:
+        """Return displacements for poses (n, nq) at ``targets.frames``."""
+        ...
+
+    def enforce(self, qpos: Array, targets: Targets) -> Solution:
+        """Return displacements that meet every target exactly (§4.4), moving the root least."""
+        ...
+
+
+def default_weights(model: mujoco.MjModel) -> Array:
+    """Return the rigidity α (nv,) of every degree of freedom (Eq. 4).
+
+    A joint resists in proportion to the share of the body's mass that it moves.
+    """
+    total = model.body_subtreemass[model.jnt_bodyid[0]]
+    share = model.body_subtreemass[model.dof_bodyid] / max(total, 1e-9)
+    weights = _LIGHT + _HEAVY * share
+    weights[:3] = ROOT_SHIFT_WEIGHT
+    return np.asarray(weights)
+
+
+def position_error(site_xpos: Array, targets: Targets) -> Array:
+    """Return the largest position error of each frame (n,) [m]; ``site_xpos`` is (n, s, 3)."""
+    gap = np.linalg.norm(targets.position - site_xpos, axis=-1)
+    return np.max(gap * (targets.position_weight > 0), axis=1, initial=0.0)

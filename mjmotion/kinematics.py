@@ -1,0 +1,258 @@
+"""Where everything is, in all frames at once: the one owner of ``mujoco.batch.Batch``.
+
+    kinematics = Kinematics(model, nframe)
+    pose = kinematics.forward(qpos)          # bodies, sites, joint axes of every frame
+    jacp, jacr = pose.jacobian(points, body)  # of world points on one body
+    distance, geom = cast_rays(model, origins, directions)
+
+``forward`` runs on all cores and gives bit for bit what a loop over one ``MjData`` would. Jacobians
+are put together from joint axes and anchors, which costs one pass for any number of points.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from mjmotion.exceptions import ModelError, unknown_name
+from mjmotion.rotations import cross
+
+Array = NDArray[np.float64]
+
+_RAY_CHUNK = 64  # simulations a ray batch is cut into: enough to keep every core busy
+
+
+def site_id(model: mujoco.MjModel, name: str) -> int:
+    """Return the id of a site; ModelError with the valid names if there is none."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+    if index < 0:
+        names = [model.site(i).name for i in range(model.nsite)]
+        raise ModelError(unknown_name("site", name, names))
+    return int(index)
+
+
+def character_height(model: mujoco.MjModel) -> float:
+    """Return the height of the character at ``qpos0`` [m]: from its lowest geom to its highest.
+
+    Only geoms of bodies under the free root count, with their bounding boxes.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mine = character_geoms(model)
+    if len(mine) == 0:
+        sites = data.site_xpos[model.body_rootid[model.site_bodyid] == root_body(model), 2]
+        bodies = data.xpos[model.body_rootid == root_body(model), 2]
+        heights = np.concatenate((sites, bodies))
+        return float(np.ptp(heights))
+    matrix = data.geom_xmat[mine].reshape(-1, 3, 3)
+    centre = data.geom_xpos[mine] + np.einsum("gij,gj->gi", matrix, model.geom_aabb[mine, :3])
+    half = np.einsum("gj,gj->g", np.abs(matrix[:, 2]), model.geom_aabb[mine, 3:])
+    return float(np.max(centre[:, 2] + half) - np.min(centre[:, 2] - half))
+
+
+def root_body(model: mujoco.MjModel) -> int:
+    """Return the body of the first joint: the free root."""
+    return int(model.jnt_bodyid[0])
+
+
+def character_geoms(model: mujoco.MjModel, *, colliding: bool = False) -> NDArray[np.int64]:
+    """Return the geoms of the bodies under the free root; only those that collide, if asked."""
+    mine = model.body_rootid[model.geom_bodyid] == root_body(model)
+    if colliding:
+        mine &= (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    return np.flatnonzero(mine)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Pose:
+    """World positions of ``n`` frames: all arrays are copies.
+
+    Attributes:
+      model: the model.
+      xpos: (n, nbody, 3) body origins [m].
+      xquat: (n, nbody, 4) body orientations, wxyz.
+      xmat: (n, nbody, 3, 3) body orientations.
+      site_xpos: (n, nsite, 3) sites [m].
+      site_xmat: (n, nsite, 3, 3) site orientations.
+      xanchor: (n, njnt, 3) joint anchors [m].
+      xaxis: (n, njnt, 3) joint axes.
+    """
+
+    model: mujoco.MjModel
+    xpos: Array
+    xquat: Array
+    xmat: Array
+    site_xpos: Array
+    site_xmat: Array
+    xanchor: Array
+    xaxis: Array
+
+    @cached_property
+    def dof_axis(self) -> Array:
+        """(n, nv, 3) the world axis that each degree of freedom turns about or moves along."""
+        model = self.model
+        axis = np.zeros((len(self.xpos), model.nv, 3))
+        kind = model.jnt_type[model.dof_jntid]
+        offset = np.arange(model.nv) - model.jnt_dofadr[model.dof_jntid]
+        free = kind == mujoco.mjtJoint.mjJNT_FREE
+        straight = free & (offset < 3)
+        axis[:, straight] = np.eye(3)[offset[straight]]
+        turning = (kind == mujoco.mjtJoint.mjJNT_BALL) | (free & (offset >= 3))
+        body = model.dof_bodyid[turning]
+        axis[:, turning] = np.swapaxes(self.xmat, 2, 3)[:, body, offset[turning] % 3]
+        single = (kind == mujoco.mjtJoint.mjJNT_HINGE) | (kind == mujoco.mjtJoint.mjJNT_SLIDE)
+        axis[:, single] = self.xaxis[:, model.dof_jntid[single]]
+        return axis
+
+    @cached_property
+    def _turning(self) -> NDArray[np.bool_]:
+        model = self.model
+        kind = model.jnt_type[model.dof_jntid]
+        offset = np.arange(model.nv) - model.jnt_dofadr[model.dof_jntid]
+        return ~(
+            (kind == mujoco.mjtJoint.mjJNT_SLIDE)
+            | ((kind == mujoco.mjtJoint.mjJNT_FREE) & (offset < 3))
+        )
+
+    def jacobian(self, points: Array, body: int, dofs: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return the Jacobians of one world point a frame, fixed to ``body``.
+
+        Args:
+          points: (n, 3) world points [m].
+          body: the body they belong to.
+          dofs: (k,) the degrees of freedom to give columns for.
+
+        Returns:
+          jacp, jacr: (n, 3, k) translation and rotation.
+        """
+        moves = body_dofs(self.model, body)[dofs]
+        turns = moves & self._turning[dofs]
+        axis = self.dof_axis[:, dofs]
+        jacr = np.where(turns[:, None], axis, 0.0)
+        arm = points[:, None, :] - self.xanchor[:, self.model.dof_jntid[dofs]]
+        jacp = np.where(
+            turns[:, None], cross(axis, arm), np.where(moves[:, None], axis, 0.0)
+        )
+        return np.swapaxes(jacp, 1, 2), np.swapaxes(jacr, 1, 2)
+
+    def rows(
+        self, frames: NDArray[np.int64], points: Array, bodies: NDArray[np.int64], normals: Array
+    ) -> Array:
+        """Return ``normalᵀ J`` (m, nv) for points on bodies of single frames.
+
+        Args:
+          frames: (m,) which of the ``n`` frames each row is about.
+          points: (m, 3) world points [m].
+          bodies: (m,) the body of each point.
+          normals: (m, 3) directions along which motion is measured.
+        """
+        model = self.model
+        moves = np.stack([body_dofs(model, int(b)) for b in np.unique(bodies)])
+        moves = moves[np.searchsorted(np.unique(bodies), bodies)]
+        axis = self.dof_axis[frames]
+        arm = points[:, None, :] - self.xanchor[frames][:, model.dof_jntid]
+        along = np.where(self._turning[:, None], cross(axis, arm), axis)
+        return np.where(moves, np.einsum("mdi,mi->md", along, normals), 0.0)
+
+
+def body_dofs(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
+    """Return (nv,) which degrees of freedom move ``body``."""
+    moves = np.zeros(model.nv, dtype=bool)
+    while body > 0:
+        start, count = model.body_dofadr[body], model.body_dofnum[body]
+        if count > 0:
+            moves[start : start + count] = True
+        body = int(model.body_parentid[body])
+    return moves
+
+
+class Kinematics:
+    """Forward kinematics of ``nframe`` frames of one model, on all cores.
+
+    The model is copied with collisions, limits and sensors off: only positions are wanted.
+    """
+
+    _FIELDS = ("xpos", "xquat", "xmat", "site_xpos", "site_xmat", "xanchor", "xaxis")
+
+    def __init__(self, model: mujoco.MjModel, nframe: int) -> None:
+        self.model = model
+        self.nframe = nframe
+        bare = copy.copy(model)
+        flags = mujoco.mjtDisableBit
+        bare.opt.disableflags |= int(
+            flags.mjDSBL_CONTACT | flags.mjDSBL_CONSTRAINT | flags.mjDSBL_SENSOR
+        )
+        self._batch = Batch(bare, nframe)
+        self._qpos = self._batch.bind("qpos")
+        self._bound = {name: self._batch.bind(name) for name in self._FIELDS}
+
+    def forward(self, qpos: Array, frames: NDArray[np.int64] | None = None) -> Pose:
+        """Return where everything is.
+
+        Args:
+          qpos: (n, nq) poses: of all frames, or of ``frames``.
+          frames: (n,) places in the batch to use, when ``n`` is less than ``nframe``.
+        """
+        rows = slice(None) if frames is None else frames
+        self._qpos[rows] = qpos
+        self._batch.forward(ids=frames, stage=mujoco.mjtStage.mjSTAGE_POS.value)
+        field = {name: bound[rows].copy() for name, bound in self._bound.items()}
+        for name in ("xmat", "site_xmat"):
+            field[name] = field[name].reshape(*field[name].shape[:2], 3, 3)
+        return Pose(self.model, **field)
+
+    def geoms(self, qpos: Array) -> tuple[Array, Array]:
+        """Return geom positions (nframe, ngeom, 3) [m] and orientations (nframe, ngeom, 3, 3)."""
+        position, matrix = self._batch.bind("geom_xpos"), self._batch.bind("geom_xmat")
+        self._qpos[:] = qpos
+        self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_POS.value)
+        return position.copy(), matrix.reshape(self.nframe, -1, 3, 3).copy()
+
+
+class RayCaster:
+    """Rays against the static geoms of a model, on all cores.
+
+    The model's own ``qpos0`` is used, so it should be a scene without a character.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._batch = Batch(model, _RAY_CHUNK)
+
+    def cast(self, origins: Array, directions: Array) -> tuple[Array, NDArray[np.int32], Array]:
+        """Return where rays first hit.
+
+        Args:
+          origins: (n, 3) [m].
+          directions: (n, 3) or (3,); distances are in units of its length.
+
+        Returns:
+          distance (n,), -1 for a miss; geom (n,), -1 for a miss; normal (n, 3), zero for a miss.
+        """
+        count = len(origins)
+        if count == 0:
+            return np.empty(0), np.empty(0, np.int32), np.empty((0, 3))
+        chunk = min(_RAY_CHUNK, count)
+        per = -(-count // chunk)
+        padded = np.zeros((chunk * per, 3))
+        padded[:count] = origins
+        padded[count:] = origins[-1]
+        vector = np.zeros((chunk * per, 3))
+        vector[:count] = directions
+        vector[count:] = vector[count - 1]
+        distance, geom, normal = self._batch.ray(
+            padded.reshape(chunk, per, 3),
+            vector.reshape(chunk, per, 3),
+            ids=np.arange(chunk),
+            normal=True,
+        )
+        return (
+            distance.ravel()[:count],
+            geom.ravel()[:count],
+            normal.reshape(-1, 3)[:count],
+        )
