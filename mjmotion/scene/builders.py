@@ -16,6 +16,7 @@ from mjmotion.exceptions import SceneError
 from mjmotion.scene.heights import from_heights
 from mjmotion.scene.stage import (
     FLOOR,
+    GROUND,
     STEP_DARK,
     STEP_LIGHT,
     WOOD,
@@ -147,8 +148,8 @@ def slope(
 ) -> mujoco.MjSpec:
     """Return a ramp up, a plateau and a ramp down, on a level floor.
 
-    The three are one convex mesh, so that there is no joint to trip on and MuJoCo's collision,
-    which takes the convex hull, is exact.
+    Three boxes, since MuJoCo's rays and distances to boxes are exact; a ray straight down an edge
+    between two triangles of a mesh may miss both.
 
     Args:
       angle: steepness [degrees], under 60.
@@ -166,25 +167,15 @@ def slope(
         raise SceneError(f"slope: angle is {angle} degrees, it must be under 60")
     spec = new_scene("slope", radius=14.0)
     _add_floor(spec)
-    steepness = np.tan(np.radians(angle))
-    top = length * steepness
-    # The faces run on below the floor, so that no edge of the mesh lies in its plane.
-    depth = 0.1
-    foot = depth / steepness
-    profile = np.array(
-        [
-            [distance - foot, -depth],
-            [distance + length, top],
-            [distance + length + plateau, top],
-            [distance + 2 * length + plateau + foot, -depth],
-        ]
-    )
-    sides = np.repeat([-width / 2, width / 2], 4)
-    vertices = np.column_stack([np.tile(profile[:, 0], 2), sides, np.tile(profile[:, 1], 2)])
-    spec.add_mesh(name="ramp", uservert=vertices.ravel().tolist())
-    spec.worldbody.add_geom(
-        name="ramp", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="ramp", material="ground"
-    )
+    tilt = float(np.radians(angle))
+    top = length * float(np.tan(tilt))
+    end = distance + 2 * length + plateau
+    _add_ramp(spec, "ramp_up", distance, length, width, tilt, 1.0)
+    _add_ramp(spec, "ramp_down", end, length, width, tilt, -1.0)
+    # A little narrower than the ramps: sides in one plane would flicker.
+    side = width / 2 - 0.002
+    ridge = distance + length
+    _add_box(spec, "plateau", (ridge, ridge + plateau), (-side, side), top, GROUND)
     add_start(spec)
     return spec
 
@@ -255,7 +246,11 @@ BUILDERS: dict[str, Callable[..., mujoco.MjSpec]] = {
 
 def _add_floor(spec: mujoco.MjSpec) -> None:
     spec.worldbody.add_geom(
-        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0.0, 0.0, 0.5), material=FLOOR
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=(0.0, 0.0, 0.5),
+        material=FLOOR,
+        castshadow=False,
     )
 
 
@@ -274,6 +269,37 @@ def _add_box(
         size=((x[1] - x[0]) / 2, (y[1] - y[0]) / 2, top / 2),
         pos=((x[0] + x[1]) / 2, (y[0] + y[1]) / 2, top / 2),
         material=material,
+        castshadow=False,  # shadows of the ground on itself only give speckles
+    )
+
+
+def _add_ramp(
+    spec: mujoco.MjSpec,
+    name: str,
+    foot: float,
+    length: float,
+    width: float,
+    tilt: float,
+    sign: float,
+) -> None:
+    """Add a tilted box that rises from the floor at x = ``foot`` towards +x or -x (``sign``).
+
+    Its top runs on under the floor, and a micrometre over the ridge so that there is no crack.
+    """
+    below, over = 0.2, 1e-6
+    along = np.array([sign * np.cos(tilt), np.sin(tilt)])  # up the ramp, in x and z
+    normal = np.array([-sign * np.sin(tilt), np.cos(tilt)])
+    thickness = length * np.tan(tilt) + below  # reaches below the floor all the way
+    start, end = -below / np.sin(tilt), length / np.cos(tilt) + over
+    middle = [foot, 0.0] + (start + end) / 2 * along - thickness / 2 * normal
+    spec.worldbody.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=((end - start) / 2, width / 2, thickness / 2),
+        pos=(float(middle[0]), 0.0, float(middle[1])),
+        quat=(np.cos(tilt / 2), 0.0, -sign * np.sin(tilt / 2), 0.0),
+        material=GROUND,
+        castshadow=False,
     )
 
 

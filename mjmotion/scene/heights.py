@@ -11,7 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.exceptions import SceneError
 from mjmotion.scene.model import first_line
-from mjmotion.scene.stage import GROUND, add_start, check_positive, ground_heights, new_scene
+from mjmotion.scene.stage import (
+    GROUND,
+    add_mesh_material,
+    add_start,
+    check_positive,
+    ground_heights,
+    new_scene,
+)
 
 _BASE = 1.0  # [m], how far the solid under a heightfield reaches below its lowest point
 _IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
@@ -98,6 +105,7 @@ def add_heightfield(
         hfieldname=name,
         pos=(sum(x_range) / 2, sum(y_range) / 2, low),
         material=material,
+        castshadow=False,  # shadows of the ground on itself only give speckles
     )
 
 
@@ -187,6 +195,7 @@ def _mesh_scene(
     middle = vertices[:, :2].mean(axis=0)
     spec = new_scene("heights", (middle[0], middle[1]), radius=max(float(size.max()) * 0.6, 2.0))
     _add_mesh(spec, vertices, faces)
+    spec.geom("heights").material = add_mesh_material(spec)
     try:
         add_start(spec)
     except ValueError as error:
@@ -219,11 +228,16 @@ def _add_mesh(spec: mujoco.MjSpec, vertices: NDArray[np.float64], faces: NDArray
         name="heights",
         uservert=vertices.ravel().tolist(),
         userface=faces.ravel().tolist(),
+        usertexcoord=(vertices[:, :2] * [1.0, -1.0]).ravel().tolist(),
+        userfacetexcoord=faces.ravel().tolist(),
         # An open sheet has no volume to weigh.
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )
     spec.worldbody.add_geom(
-        name="heights", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="heights", material=GROUND
+        name="heights",
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname="heights",
+        castshadow=False,
     )
 
 

@@ -12,6 +12,7 @@ import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -106,6 +107,7 @@ def compose(character: str | Path, scene: Scene) -> mujoco.MjSpec:
         stage.delete(key)
     _strip_stage(spec, keep_sky=not any(_is_sky(texture) for texture in stage.textures))
     _rename_assets(stage, spec)
+    _rename_classes(stage, spec)
     for group in ("option", "visual", "stat"):
         _copy_settings(getattr(spec, group), getattr(stage, group))
     spec.modelname = f"{spec.modelname} on {scene.name}"
@@ -206,6 +208,23 @@ def _rename_assets(stage: mujoco.MjSpec, spec: mujoco.MjSpec) -> None:
         site.material = renamed["materials"].get(site.material, site.material)
 
 
+def _rename_classes(stage: mujoco.MjSpec, spec: mujoco.MjSpec) -> None:
+    """Give default classes of ``stage`` another name where ``spec`` has one of that name.
+
+    MuJoCo attaches both and compiles, but what it then saves does not load. A spec has no list of
+    its classes; its MJCF has.
+    """
+    root = ElementTree.fromstring(spec.to_xml())
+    taken = {element.get("class", "main") for element in root.iter("default")}
+    for name in taken - {"main"}:
+        default = stage.find_default(name)
+        if default is not None:
+            new = f"scene_{name}"
+            while new in taken or stage.find_default(new) is not None:
+                new += "_"
+            default.name = new
+
+
 def _asset_name(asset: Any) -> str:
     """Return the name MuJoCo will know the asset by: its own, else its file's."""
     return asset.name or Path(getattr(asset, "file", "")).stem
@@ -239,27 +258,11 @@ def _attach(spec: mujoco.MjSpec, stage: mujoco.MjSpec, name: str) -> None:
     MuJoCo warns that a model attached without a prefix may not save; :func:`save_model` writes
     the files of assets itself, so it does, and the warning would go to stderr and to a log file.
     """
-    classes: set[str] = set()
-    while True:
-        try:
-            with _quiet():
-                spec.attach(stage, frame=spec.worldbody.add_frame(), prefix="")
-            return
-        except (ValueError, mujoco.FatalError) as error:
-            label = _repeated_class(error)
-            default = stage.find_default(label) if label else None
-            if default is None or label in classes:
-                raise _clash(error, name) from error
-            classes.add(label)
-            default.name = f"scene_{label}"
-
-
-def _repeated_class(error: BaseException) -> str:
-    """Return the class that MuJoCo says both models have, or an empty string."""
-    text = str(error)
-    if "repeated default class" not in text.lower():
-        return ""
-    return text.split("'")[1] if text.count("'") >= 2 else text.split()[-1]
+    try:
+        with _quiet():
+            spec.attach(stage, frame=spec.worldbody.add_frame(), prefix="")
+    except (ValueError, mujoco.FatalError) as error:
+        raise _clash(error, name) from error
 
 
 def _clash(error: BaseException, name: str) -> MotionError:
@@ -280,12 +283,12 @@ def _dress(spec: mujoco.MjSpec) -> None:
 def add_sun(
     spec: mujoco.MjSpec, pos: tuple[float, float, float] = (0.0, 0.0, 10.0), name: str = "sun"
 ) -> None:
-    """Add a directional light with shadows above ``pos`` [m], slanting forward and sideways."""
+    """Add a directional light with shadows over ``pos`` [m], shining from ahead and the right."""
     spec.worldbody.add_light(
         name="" if any(light.name == name for light in spec.lights) else name,
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
         pos=pos,
-        dir=(0.35, 0.45, -1.0),
+        dir=(-0.3, 0.45, -1.0),
         diffuse=(0.6, 0.58, 0.54),
         specular=(0.15, 0.15, 0.15),
         ambient=(0.0, 0.0, 0.0),

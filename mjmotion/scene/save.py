@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 import mujoco
 import numpy as np
@@ -34,7 +35,7 @@ def save_model(spec: mujoco.MjSpec, folder: str | Path, filename: str = "model.x
       SceneError: the spec does not compile or one of its files is gone.
       OutputError: the folder cannot be written.
     """
-    folder = Path(folder)
+    folder = Path(folder).resolve()
     spec = spec.copy()
     try:
         model = spec.compile()
@@ -46,14 +47,13 @@ def save_model(spec: mujoco.MjSpec, folder: str | Path, filename: str = "model.x
         _write_files(spec, spec.meshes, model.paths, model.mesh_pathadr, folder)
         _write_files(spec, spec.skins, model.paths, model.skin_pathadr, folder)
         _write_textures(spec, model, folder)
-        spec.modelfiledir = str(folder)
         spec.compiler.meshdir = ""
         spec.compiler.texturedir = ""
         spec.strippath = False
         # As written, not as compiled: every number exact, and frames and classes kept.
         spec.compiler.savecompiled = False
         path = folder / filename
-        path.write_text(spec.to_xml(), encoding="utf-8")
+        path.write_text(_relative(spec.to_xml(), folder), encoding="utf-8")
     except OSError as error:
         raise OutputError(
             f"cannot write the model into '{folder}': {error.strerror or error}"
@@ -61,6 +61,15 @@ def save_model(spec: mujoco.MjSpec, folder: str | Path, filename: str = "model.x
     except (ValueError, mujoco.FatalError) as error:
         raise SceneError(f"the model cannot be saved as MJCF: {first_line(error)}") from error
     return path
+
+
+def _relative(xml: str, folder: Path) -> str:
+    """Make the paths of files in ``folder`` relative to the MJCF that lies beside them.
+
+    The spec needs absolute ones: what was attached looks for files where its own model was.
+    """
+    prefix = escape(f"{folder}/", {'"': "&quot;", "'": "&apos;"})
+    return xml.replace(f'"{prefix}', '"')
 
 
 def _write_hfields(spec: mujoco.MjSpec, model: mujoco.MjModel, folder: Path) -> None:
@@ -151,13 +160,13 @@ def _read(spec: mujoco.MjSpec, name: str, path: Path) -> bytes:
 
 
 def _place(folder: Path, stem: str, suffix: str, contents: bytes) -> str:
-    """Write ``contents`` under a free name, or find it there already; return the file's name."""
+    """Write ``contents`` under a free name, or find it there already; return the file's path."""
     stem = "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in stem)
     number, name = 1, f"{stem}{suffix}"
     while (folder / name).exists():
         if (folder / name).read_bytes() == contents:
-            return name
+            return str(folder / name)
         number += 1
         name = f"{stem}-{number}{suffix}"
     (folder / name).write_bytes(contents)
-    return name
+    return str(folder / name)

@@ -41,9 +41,9 @@ def new_scene(
     visual.global_.azimuth, visual.global_.elevation = 120.0, -20.0
     visual.quality.shadowsize, visual.quality.offsamples = 4096, 4
     visual.map.znear = 0.05 / radius
-    visual.map.zfar = 20.0
-    visual.map.fogstart, visual.map.fogend = 2.0, 8.0
-    visual.headlight.ambient = [0.42, 0.43, 0.46]
+    visual.map.zfar = 8.0
+    visual.map.fogstart, visual.map.fogend = 1.5, 5.0
+    visual.headlight.ambient = [0.47, 0.48, 0.50]
     visual.headlight.diffuse = [0.12, 0.12, 0.12]
     visual.headlight.specular = [0.0, 0.0, 0.0]
     visual.rgba.haze = [0.86, 0.90, 0.94, 1.0]
@@ -58,7 +58,7 @@ def new_scene(
         height=256,
     )
     _add_grid(spec, GROUND, (0.76, 0.74, 0.69), (0.70, 0.68, 0.63), (0.56, 0.54, 0.49))
-    _add_grid(spec, FLOOR, (0.62, 0.65, 0.67), (0.57, 0.60, 0.62), (0.46, 0.49, 0.51))
+    _add_grid(spec, FLOOR, (0.70, 0.73, 0.75), (0.63, 0.66, 0.68), (0.54, 0.57, 0.59))
     for material, rgba in (
         (WOOD, (0.66, 0.30, 0.16, 1.0)),
         (STEP_LIGHT, (0.82, 0.78, 0.70, 1.0)),
@@ -66,6 +66,15 @@ def new_scene(
     ):
         spec.add_material(name=material, rgba=rgba, specular=0.2, shininess=0.2)
     return spec
+
+
+def add_mesh_material(spec: mujoco.MjSpec) -> str:
+    """Add the ground's material for meshes whose texture coordinates are x and y [m]; its name."""
+    name = f"{GROUND}_mesh"
+    # A uniform texture would lie in the mesh's inertial frame instead of on its coordinates.
+    material = spec.add_material(name=name, texrepeat=(1.0, 1.0), specular=0.05, shininess=0.1)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = GROUND
+    return name
 
 
 def add_start(spec: mujoco.MjSpec, pos: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0) -> None:
@@ -143,6 +152,6 @@ def _add_grid(
         height=512,
     )
     material = spec.add_material(
-        name=name, texrepeat=(1.0, 1.0), texuniform=True, specular=0.05, shininess=0.1
+        name=name, texrepeat=(2.0, 2.0), texuniform=True, specular=0.05, shininess=0.1
     )
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
