@@ -36,7 +36,7 @@ class _Skeleton:
 def read_amc(path: str | Path, skeleton: str | Path | None = None, *, fps: float = 120.0) -> Clip:
     """Read an AMC file with its skeleton.
 
-    A joint stands at the beginning of the bone it is named after, as in BVH files of the same takes.
+    A joint stands at the beginning of the bone it is named after, as in BVH files of such takes.
 
     Args:
       path: the AMC file.
@@ -185,8 +185,9 @@ def _read_values(path: str | Path, lines: list[str], tree: _Skeleton) -> dict[st
     moving = {name: len(bone.dof) for name, bone in tree.bones.items() if bone.dof}
     values = {name: np.zeros((len(starts), count)) for name, count in moving.items()}
     values |= {name: np.zeros((len(starts), 0)) for name in tree.bones if name not in moving}
+    first_seen = set[str]()
     for frame, (first, last) in enumerate(zip(starts, [*starts[1:], len(lines)], strict=True)):
-        seen = set()
+        seen = set[str]()
         for line in lines[first + 1 : last]:
             name, *words = line.split()
             if name not in moving or len(words) != moving[name]:
@@ -203,10 +204,10 @@ def _read_values(path: str | Path, lines: list[str], tree: _Skeleton) -> dict[st
                     f"'{path}' frame {frame}: '{name}' has a value that is not a number", (frame,)
                 ) from None
             seen.add(name)
-        if "root" not in seen or (frame and seen != before):
+        first_seen = first_seen or seen
+        if "root" not in seen or seen != first_seen:
             raise ClipError(
                 f"'{path}' frame {frame} lacks bones: the file is cut off, export it again",
                 (frame,),
             )
-        before = seen
     return values

@@ -1,4 +1,4 @@
-"""Bring a clip upright: vertical axis, unit, a leading rest pose, and the frames bodies are read in."""
+"""Bring a clip upright: vertical axis, unit, a leading rest pose, and frames of bodies."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import numpy as np
 
 from mjmotion import rotations as rot
 from mjmotion.clips.rig import SIDES, Rig
-from mjmotion.clips.skeleton import Clip
+from mjmotion.clips.skeleton import Clip, pose_skeleton
 from mjmotion.exceptions import ClipError, frame_list
 
 Array = rot.Array
 
 UP = np.array((0.0, 0.0, 1.0))
+_GLITCH = np.radians(8)  # a joint this far off its neighbouring frames has jumped
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,6 +73,52 @@ def drop_rest_frame(clip: Clip) -> tuple[Clip, str | None]:
     return clip, None
 
 
+def mend_glitches(clip: Clip) -> tuple[Clip, str | None]:
+    """Return the clip without one- and two-frame jumps of its joints, and a note where it had some.
+
+    A joint's turn against its parent is compared with the median over 60 ms; where it is far off,
+    both in degrees and beside what is usual around, it is drawn between its neighbours. Recordings
+    below 60 frames a second are left alone: there a quick movement looks the same.
+    """
+    width = 2 * round(0.03 * clip.fps) + 1
+    if clip.fps < 60 or clip.nframe < 2 * width:
+        return clip, None
+    parents = np.maximum(clip.parents, 0)
+    turn = np.swapaxes(clip.rotations[:, parents], -1, -2)
+    shift = (turn @ (clip.positions - clip.positions[:, parents])[..., None])[..., 0]
+    local = np.where((clip.parents < 0)[:, None, None], clip.rotations, turn @ clip.rotations)
+    shift = np.where((clip.parents < 0)[:, None], clip.positions, shift)
+    quats = rot.continuous(rot.from_matrix(local))
+    edge = np.pad(quats, ((width // 2, width // 2), (0, 0), (0, 0)), mode="edge")
+    middle = rot.normalized(
+        np.median(np.lib.stride_tricks.sliding_window_view(edge, width, axis=0), axis=-1)
+    )
+    off = 2 * np.arccos(np.clip(np.abs(rot.dot(quats, middle)), 0, 1))
+    usual = np.pad(off, ((width, width), (0, 0)), mode="edge")
+    usual = np.median(np.lib.stride_tricks.sliding_window_view(usual, 2 * width + 1, axis=0), -1)
+    bad = (off > _GLITCH) & (off > 8 * usual)
+    if not bad.any():
+        return clip, None
+    frames = np.arange(clip.nframe)
+    for joint in np.flatnonzero(bad.any(axis=0)):
+        wrong, good = np.flatnonzero(bad[:, joint]), np.flatnonzero(~bad[:, joint])
+        for values in (quats[:, joint], shift[:, joint]):
+            for column in values.T:
+                column[wrong] = np.interp(frames[wrong], good, column[good])
+    mended = pose_skeleton(
+        clip.name,
+        clip.joint_names,
+        clip.parents,
+        clip.offsets,
+        shift,
+        rot.to_matrix(rot.normalized(quats)),
+        clip.fps,
+        clip.ends,
+    )
+    count = int(bad.any(axis=1).sum())
+    return mended, f"{count} frames had joints that jump for a frame or two; they were mended"
+
+
 def make_upright(clip: Clip, rig: Rig, leg_length: float) -> Upright:
     """Turn a clip so that z is up, and scale its legs to ``leg_length`` [m].
 
@@ -93,7 +140,7 @@ def make_upright(clip: Clip, rig: Rig, leg_length: float) -> Upright:
                 f"'{clip.name}': a leg has no length: check the mapping of hip to ankle"
             )
         # The longer leg reaches exactly as far as the humanoid's, the shorter stays a little bent.
-        scale = leg_length / max(legs)
+        scale = leg_length / float(max(legs))
     axis = rig.up or _up_axis(clip, index)
     turn = _turn_up(axis)
     # Both products in place of positions: a turn and a scale keep every direction.
@@ -151,7 +198,7 @@ def frame_of(up: Array, left: Array) -> Array:
 
 
 def calibrate(joint: Array, body: Array, weight: Array | None = None) -> Array:
-    """Return the constant C that makes ``joint @ C`` nearest to ``body``, by least squares (Kabsch).
+    """Return the constant C that brings ``joint @ C`` nearest to ``body``, least squares (Kabsch).
 
     Args:
       joint: (nframe, 3, 3) rotations of the clip's joint.
@@ -175,6 +222,7 @@ def check_steady(clip: Clip, qpos: Array) -> None:
     bad = np.flatnonzero(~np.isfinite(qpos).all(axis=1))
     if len(bad):
         raise ClipError(
-            f"'{clip.name}' cannot be mapped at frames {frame_list(bad)}: joints lie on each other",
+            f"'{clip.name}' cannot be mapped at frames {frame_list(bad.tolist())}:"
+            " joints lie on each other",
             bad.tolist(),
         )

@@ -17,6 +17,7 @@ from mjmotion.clips.frames import (
     drop_rest_frame,
     frame_of,
     make_upright,
+    mend_glitches,
 )
 from mjmotion.clips.rig import SIDES, Rig, find_rig
 from mjmotion.clips.skeleton import Clip
@@ -96,9 +97,10 @@ def map_clip(clip: Clip, model: mujoco.MjModel, rig: Rig | None = None) -> Mappe
     """
     figure = Figure(model)
     rig = find_rig(clip) if rig is None else rig
-    clip, note = drop_rest_frame(clip)
+    clip, dropped = drop_rest_frame(clip)
+    clip, mended = mend_glitches(clip)
     source = make_upright(clip, rig, figure.leg)
-    notes = [note] if note else []
+    notes = [note for note in (dropped, mended) if note]
     notes.append(f"up axis {source.axis}, 1 unit of the file is {source.scale:.6g} m")
     body = _trunk(source, figure)
     root = (source.at("left_hip") + source.at("right_hip")) / 2
@@ -106,7 +108,7 @@ def map_clip(clip: Clip, model: mujoco.MjModel, rig: Rig | None = None) -> Mappe
     for side in SIDES:
         _arm(source, side, body)
     yaw, start = _start(root, body["pelvis"], clip.fps)
-    turn = rot.yaw_quat(-yaw)
+    turn = rot.yaw_quat(np.array(-yaw))
     body = {name: rot.multiply(np.broadcast_to(turn, q.shape), q) for name, q in body.items()}
     root = rot.rotate(turn, root - start)
     feet = [foot.moved(turn, start) for foot in feet]
@@ -188,7 +190,17 @@ def _trunk(source: Upright, figure: Figure) -> dict[str, Array]:
         joint = source.turned(role)
         constant = calibrate(joint, body["torso"]) if head_stand is None else head_stand
         body[name] = joint @ constant
-    return {name: rot.from_matrix(matrix) for name, matrix in body.items()}
+    quats = {name: rot.from_matrix(matrix) for name, matrix in body.items()}
+    if source.has("neck") and source.has("head"):
+        # Recorded necks hold their two joints against each other; half of that bend is taken out,
+        # so that the head keeps its direction within the limits of the head's joint.
+        quats["neck"] = _half_way(quats["neck"], _half_way(quats["torso"], quats["head"]))
+    return quats
+
+
+def _half_way(a: Array, b: Array) -> Array:
+    """Return the rotations (nframe, 4) half way between two."""
+    return rot.normalized(a + np.where(rot.dot(a, b)[:, None] < 0, -b, b))
 
 
 def _spine(source: Upright) -> list[int]:

@@ -2,7 +2,7 @@
 
 A mapping file (YAML or JSON) for a skeleton with names of its own:
 
-    joints:                 # role: joint of the clip; roles left out are found by name where possible
+    joints:                 # role: joint of the clip; roles left out are found by name
       pelvis: Root
       left_hip: leg_l_upper
     up: z                   # optional: x, y, z, -x, -y or -z; found from the clip otherwise
@@ -37,16 +37,30 @@ _NAME_SETS: dict[str, dict[str, str]] = {
         "pelvis": "root",
         "chest": "thorax",
         "neck": "lowerneck",
-        "head": "head",
+        "head": "upperneck head",  # the skull begins there; 'head' is its upper half
         "hip": "{s}femur",
         "knee": "{s}tibia",
         "ankle": "{s}foot",
         "toe": "{s}toes",
         "shoulder": "{s}humerus",
         "elbow": "{s}radius",
-        # CMU splits the forearm: its 'wrist' is the half that turns, the joint of the hand is 'hand'.
+        # CMU splits the forearm: 'wrist' is the half that turns, 'hand' begins at the wrist.
         "wrist": "{s}hand {s}wrist",
         "hand": "{s}fingers",
+    },
+    "CMU under MotionBuilder's names": {
+        "pelvis": "hips",
+        "chest": "spine1",
+        "neck": "neck",
+        "head": "neck1",
+        "hip": "{s}upleg",
+        "knee": "{s}leg",
+        "ankle": "{s}foot",
+        "toe": "{s}toebase",
+        "shoulder": "{s}arm",
+        "elbow": "{s}forearm",
+        "wrist": "{s}fingerbase",
+        "hand": "{s}handindex1",
     },
     "Mixamo, LAFAN1, MotionBuilder": {
         "pelvis": "hips hip pelvis",
@@ -59,7 +73,7 @@ _NAME_SETS: dict[str, dict[str, str]] = {
         "toe": "{s}toebase {s}toe {s}toes {s}toe0",
         "shoulder": "{s}arm {s}uparm {s}upperarm",
         "elbow": "{s}forearm {s}lowarm {s}lowerarm",
-        "wrist": "{s}fingerbase {s}hand",
+        "wrist": "{s}hand",
         "hand": "{s}handindex1 {s}handmiddle1 {s}finger0",
     },
     "joints by their anatomy": {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +113,8 @@ def pose_skeleton(
     if not finite.all():
         bad = np.flatnonzero(~finite)
         raise ClipError(
-            f"'{name}' has values that are not finite at frames {frame_list(bad)}: mend the file",
+            f"'{name}' has values that are not finite at frames {frame_list(bad.tolist())}:"
+            " mend the file",
             bad.tolist(),
         )
     if not (np.isfinite(fps) and fps > 0):
@@ -147,8 +149,7 @@ def read_text(path: str, kind: str) -> str:
       ClipError: the file is missing, not readable, or not text.
     """
     try:
-        with open(path, encoding="utf-8-sig", errors="strict") as file:
-            text = file.read()
+        text = Path(path).read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise ClipError(f"{kind} file '{path}' does not exist: check the path") from None
     except UnicodeDecodeError:

@@ -37,7 +37,7 @@ def write_csv(path: str | Path, motion: Motion) -> None:
     times = np.arange(motion.nframe)[:, None] / motion.fps
     header = ",".join(["time", *column_names(motion.model)])
     table = np.concatenate([times, motion.qpos], axis=1)
-    with open(path, "w", encoding="utf-8") as file:
+    with Path(path).open("w", encoding="utf-8") as file:
         np.savetxt(file, table, fmt="%.9g", delimiter=",", header=header, comments="")
 
 
@@ -81,7 +81,8 @@ def read_csv(path: str | Path, model: mujoco.MjModel, *, fps: float | None = Non
         uneven = np.flatnonzero(~(np.abs(steps - steps.mean()) < 0.02 * np.abs(steps.mean())))
         if len(uneven) or not steps.mean() > 0:
             raise ClipError(
-                f"'{path}' has times that are not even at frames {frame_list(uneven)}: resample it",
+                f"'{path}' has times that are not even at frames {frame_list(uneven.tolist())}:"
+                " resample it",
                 uneven.tolist(),
             )
         fps = 1 / steps.mean()
