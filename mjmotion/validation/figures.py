@@ -1,0 +1,245 @@
+"""The figures themselves, each from arrays of one motion; lengths in metres until the very end."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.contacts import Contact
+from mjmotion.exceptions import ContactError, MotionError, unknown_name
+from mjmotion.motion import Motion
+from mjmotion.validation.ground import Ground
+from mjmotion.validation.penetration import Character, lowest_points, sample_spacing, sole_points
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+SHORTEST_SWING = 0.1  # [s] a shorter gap between contacts is not a swing
+SWING_MIDDLE = 0.5  # the part of a swing that its clearance is measured over
+_NOTHING = 1e-6  # [rad/s³] jerk of a motion that stands still, so that ratios are numbers
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Poses:
+    """Where the character is in all frames of one motion.
+
+    Attributes:
+      site: (nframe, nsite, 3) sites [m].
+      geom: (nframe, ngeom, 3) the character's geoms [m].
+      turn: (nframe, ngeom, 3, 3) their orientations.
+    """
+
+    site: Array
+    geom: Array
+    turn: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Swing:
+    """One swing of a foot: frames ``start`` to ``end``, of which ``first`` to ``last`` count."""
+
+    foot: int
+    start: int
+    end: int
+    first: int
+    last: int
+
+
+def poses_of(motion: Motion, character: Character) -> Poses:
+    """Return sites and geoms of all frames, from ``mj_kinematics`` alone."""
+    data = mujoco.MjData(motion.model)
+    site = np.empty((motion.nframe, motion.model.nsite, 3))
+    geom = np.empty((motion.nframe, len(character.geoms), 3))
+    turn = np.empty((motion.nframe, len(character.geoms), 9))
+    for frame in range(motion.nframe):
+        data.qpos[:] = motion.qpos[frame]
+        mujoco.mj_kinematics(motion.model, data)
+        site[frame] = data.site_xpos
+        geom[frame] = data.geom_xpos[character.geoms]
+        turn[frame] = data.geom_xmat[character.geoms]
+    return Poses(site, geom, turn.reshape(*turn.shape[:2], 3, 3))
+
+
+def check_pair(source: Motion, motion: Motion, contacts: Sequence[Contact]) -> None:
+    """Raise an error unless source, motion and contacts belong together."""
+    if source.joint_names != motion.joint_names or source.model.nq != motion.model.nq:
+        raise MotionError("source and motion have different joints: validate motions of one model")
+    if source.nframe != motion.nframe:
+        raise MotionError(
+            f"the source has {source.nframe} frames and the motion {motion.nframe}:"
+            " validate a motion beside the source it was adapted from"
+        )
+    if not np.isclose(source.fps, motion.fps):
+        raise MotionError(f"the source runs at {source.fps:g} fps and the motion at {motion.fps:g}")
+    names = [motion.model.site(i).name for i in range(motion.model.nsite)]
+    for contact in contacts:
+        if contact.site not in names:
+            raise ContactError(unknown_name("contact site", contact.site, names))
+        if not 0 <= contact.start < contact.end <= motion.nframe:
+            raise ContactError(
+                f"contact of {contact.site} lasts from frame {contact.start} to {contact.end}:"
+                f" the motion has frames 0 to {motion.nframe - 1}"
+            )
+
+
+def sole_sites(model: mujoco.MjModel, contacts: Sequence[Contact]) -> tuple[int, ...]:
+    """Return the ids of sites that feet stand with.
+
+    Sites that contacts name, and sites of the character called ``…heel`` or ``…toe``.
+    """
+    root = int(model.jnt_bodyid[0])
+    named = {contact.site for contact in contacts}
+    return tuple(
+        i
+        for i in range(model.nsite)
+        if model.site(i).name in named
+        or (
+            model.body_rootid[model.site_bodyid[i]] == root
+            and model.site(i).name.endswith(("heel", "toe"))
+        )
+    )
+
+
+def contact_frames(contacts: Sequence[Contact]) -> tuple[Index, Index]:
+    """Return, for every frame of every contact in turn, the contact's number and the frame."""
+    length = np.array([contact.end - contact.start for contact in contacts], dtype=np.int64)
+    which = np.repeat(np.arange(len(contacts)), length)
+    start = np.array([contact.start for contact in contacts], dtype=np.int64)
+    frame = np.arange(len(which)) - np.repeat(np.cumsum(length) - length, length) + start[which]
+    return which, frame
+
+
+def swings_of(
+    feet: Sequence[int], model: mujoco.MjModel, contacts: Sequence[Contact], motion: Motion
+) -> list[Swing]:
+    """Return all swings: where no site of a foot is in contact for 0.1 s or more.
+
+    The clearance of a swing is measured over its middle half. In the quarter before, the foot is
+    still leaving the ground and in the quarter after it is about to land, and both go through
+    every height down to zero; a swing cut off by an end of the clip is treated alike.
+    """
+    swings = []
+    for foot in feet:
+        down = np.zeros(motion.nframe + 2, dtype=bool)
+        down[[0, -1]] = True
+        for contact in contacts:
+            if model.site_bodyid[model.site(contact.site).id] == foot:
+                down[contact.start + 1 : contact.end + 1] = True
+        edge = np.flatnonzero(np.diff(down.astype(np.int8)))
+        for start, end in edge.reshape(-1, 2).tolist():
+            length = end - start
+            if length / motion.fps < SHORTEST_SWING or length == motion.nframe:
+                continue
+            aside = int(length * (1 - SWING_MIDDLE) / 2)
+            swings.append(Swing(foot, start, end, start + aside, end - aside))
+    return swings
+
+
+def swing_clearances(
+    swings: Sequence[Swing], ground: Ground, character: Character, poses: Poses
+) -> list[tuple[float, int]]:
+    """Return the least height [m] of the sole over the ground in each swing, and its frame.
+
+    Points over no ground at all do not count; a swing without any is infinitely clear.
+    """
+    body = ground.model.geom_bodyid[character.geoms]
+    spacing = sample_spacing(ground)
+    points, owners, frames = [], [], []
+    for number, swing in enumerate(swings):
+        for i in np.flatnonzero(body == swing.foot).tolist():
+            span = slice(swing.first, swing.last)
+            xyz, frame = sole_points(
+                character, i, poses.geom[span, i], poses.turn[span, i], spacing
+            )
+            points.append(xyz)
+            owners.append(np.full(len(xyz), number))
+            frames.append(frame + swing.first)
+    result = [(np.inf, swing.first) for swing in swings]
+    if not points:
+        return result
+    xyz, owner, frame = np.concatenate(points), np.concatenate(owners), np.concatenate(frames)
+    height, _ = ground.heights(xyz)
+    clear = xyz[:, 2] - height
+    clear[np.isnan(clear)] = np.inf
+    order = np.lexsort((-clear, owner))
+    last = np.searchsorted(owner[order], np.arange(len(swings)), side="right") - 1
+    for number, place in enumerate(last):
+        if place >= 0 and owner[order[place]] == number:
+            result[number] = (float(clear[order[place]]), int(frame[order[place]]))
+    return result
+
+
+def source_clearances(
+    swings: Sequence[Swing],
+    contacts: Sequence[Contact],
+    model: mujoco.MjModel,
+    character: Character,
+    poses: Poses,
+) -> list[tuple[float, int]]:
+    """Return the same as swing_clearances for the source, whose ground is nowhere in the scene.
+
+    The source's ground is the height that the foot stood at before and stands at after: the mean
+    height of its contacts, and straight lines over time between them.
+    """
+    lowest = lowest_points(character, poses.geom, poses.turn)
+    body = model.geom_bodyid[character.geoms]
+    every = np.arange(len(lowest))
+    result = []
+    for swing in swings:
+        stood = []
+        for contact in contacts:
+            site = model.site(contact.site).id
+            if model.site_bodyid[site] == swing.foot:
+                height = float(poses.site[contact.start : contact.end, site, 2].mean())
+                stood += [(contact.start, height), (contact.end - 1, height)]
+        stood.sort()
+        level = np.interp(every, [s[0] for s in stood], [s[1] for s in stood])
+        mine = body == swing.foot
+        if not mine.any():
+            result.append((np.inf, swing.first))
+            continue
+        clear = lowest[:, mine].min(axis=1) - level
+        frame = swing.first + int(clear[swing.first : swing.last].argmin())
+        result.append((float(clear[frame]), frame))
+    return result
+
+
+def joint_jerk(motion: Motion) -> Array:
+    """Return the third time derivative of all joint angles but the root's [rad/s³].
+
+    Velocities are ``mj_differentiatePos`` from frame to frame, in the tangent space of each joint;
+    two more differences follow. (nframe - 3, nv - 6), of frames 0 to nframe - 4; slides are left
+    out, for they are not angles.
+    """
+    model, qpos = motion.model, motion.qpos
+    velocity = (
+        np.empty((motion.nframe - 1, model.nv)) if motion.nframe > 1 else np.empty((0, model.nv))
+    )
+    for frame in range(motion.nframe - 1):
+        mujoco.mj_differentiatePos(
+            model, velocity[frame], 1 / motion.fps, qpos[frame], qpos[frame + 1]
+        )
+    jerk = np.diff(velocity[:, jerk_dofs(model)], n=2, axis=0) * motion.fps**2
+    return np.asarray(jerk)
+
+
+def jerk_dofs(model: mujoco.MjModel) -> Index:
+    """Return the degrees of freedom that are joint angles: of hinges and balls."""
+    kind = model.jnt_type[model.dof_jntid]
+    angle = (kind == mujoco.mjtJoint.mjJNT_HINGE) | (kind == mujoco.mjtJoint.mjJNT_BALL)
+    return np.flatnonzero(angle)
+
+
+def ratio(adapted: float, source: float) -> float:
+    """Return adapted over source; 1 where both are nothing."""
+    return (adapted + _NOTHING) / (source + _NOTHING)
+
+
+def travel(qpos: Array) -> tuple[float, float]:
+    """Return the root's path length over the ground plane and its displacement [m]."""
+    steps = np.linalg.norm(np.diff(qpos[:, :2], axis=0), axis=1)
+    return float(steps.sum()), float(np.linalg.norm(qpos[-1, :2] - qpos[0, :2]))

@@ -1,0 +1,356 @@
+"""The static scene, seen along vertical lines: where its solids begin and end.
+
+``Ground.heights`` answers what someone would stand on. The vertical line through a point crosses
+the solids of the scene; solids that touch (less than 1 mm of air between) count as one.
+
+- A point in free space stands over the highest top under it, whatever hangs above: a lintel over
+  the point is not ground, nor is a floor that a block stands on.
+- A point inside a solid stands under that solid's top.
+
+Planes and heightfields are solid all the way down. A mesh that is not convex counts as what its
+own triangles enclose (an open sheet as solid below it), not as the hull it collides as.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.validation.solids import Solid, is_convex, mesh_arrays, solid_of, vertical_extent
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+_Geom = mujoco.mjtGeom
+_AIR = 1e-3  # [m] less air than this between two solids is not free space
+_FLAT = 1e-9  # a plane or field closer to upright than this is upright
+
+
+def static_geoms(model: mujoco.MjModel) -> Index:
+    """Return the scene: geoms that collide, on bodies that cannot move."""
+    fixed = model.body_weldid[model.geom_bodyid] == 0
+    return np.flatnonzero(fixed & ((model.geom_contype != 0) | (model.geom_conaffinity != 0)))
+
+
+class Ground:
+    """The static geoms of a model.
+
+    Attributes:
+      planes: ids of planes.
+      fields: ids of heightfields that stand upright.
+      convex: ids of boxes, balls, rods and convex meshes.
+      surfaces: ids of other meshes, and of tilted heightfields, taken triangle by triangle.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        self.position = np.array(data.geom_xpos)
+        self.matrix = np.array(data.geom_xmat).reshape(-1, 3, 3)
+        self._grids: dict[int, tuple[Array, Array]] = {}
+        groups: dict[str, list[int]] = {"plane": [], "field": [], "convex": [], "surface": []}
+        for geom in static_geoms(model):
+            groups[self._group(int(geom))].append(int(geom))
+        self.planes, self.fields = groups["plane"], groups["field"]
+        self.convex, self.surfaces = groups["convex"], groups["surface"]
+        self.solids: dict[int, Solid] = {geom: solid_of(model, geom) for geom in self.convex}
+        self._solid_cells = self._index_solids()
+        self._triangles, self._triangle_geom = self._collect_triangles()
+        self._triangle_cells = (
+            _Cells(self._triangles[:, :, :2].min(axis=1), self._triangles[:, :, :2].max(axis=1))
+            if len(self._triangles)
+            else None
+        )
+
+    def heights(self, points: Array) -> tuple[Array, Index]:
+        """Return the height of the ground for points (n, 3), and which geom it belongs to.
+
+        Returns:
+          height: (n,) [m], NaN where there is nothing under the point.
+          geom: (n,) geom ids, -1 where there is nothing.
+        """
+        low, high, geom = self.extents(points[:, :2])
+        count, width = low.shape
+        if width == 0:
+            return np.full(count, np.nan), np.full(count, -1)
+        z = points[:, 2, None]
+        free: NDArray[np.bool_] = ~np.isnan(high) & ~np.isposinf(high)
+        for column in range(width if width > 1 else 0):
+            top = high[:, column, None]
+            covered = (low <= top + _AIR) & (high > top + _FLAT)
+            free[:, column] &= ~covered.any(axis=1)
+        inside: NDArray[np.bool_] = np.any((low < z) & (z < high), axis=1)
+        rise = np.where(free & (high >= z) & inside[:, None], high, np.inf)
+        fall = np.where(free & (high <= z) & ~inside[:, None], high, -np.inf)
+        best = np.where(inside, rise.argmin(axis=1), fall.argmax(axis=1))
+        rows = np.arange(count)
+        height = np.where(inside, rise[rows, best], fall[rows, best])
+        found = np.isfinite(height)
+        return np.where(found, height, np.nan), np.where(found, geom[rows, best], -1)
+
+    def depth_in_surfaces(self, points: Array) -> tuple[Array, Index]:
+        """Return how deep (n,) points are, straight up, in heightfields and open meshes [m].
+
+        Zero outside; with the geom, -1 outside. Planes and convex geoms do not count here.
+        """
+        low, high, geom = self.extents(points[:, :2], solids=False)
+        if low.shape[1] == 0:
+            return np.zeros(len(points)), np.full(len(points), -1)
+        z = points[:, 2, None]
+        depth = np.where((low < z) & (z < high), high - z, 0.0)
+        best = depth.argmax(axis=1)
+        rows = np.arange(len(points))
+        return depth[rows, best], np.where(depth[rows, best] > 0, geom[rows, best], -1)
+
+    def extents(self, xy: Array, *, solids: bool = True) -> tuple[Array, Array, Index]:
+        """Return what vertical lines (n, 2) cross.
+
+        Args:
+          xy: the lines [m].
+          solids: also planes and convex geoms, not only heightfields and open meshes.
+
+        Returns:
+          low, high: (n, k) where the line is in a solid [m], NaN in unused columns.
+          geom: (n, k) ids, -1 in unused columns.
+        """
+        row, low, high, geom = [], [], [], []
+
+        def add(rows: Index, bottoms: Array, tops: Array, ids: Index | int) -> None:
+            hit = ~np.isnan(tops)
+            row.append(rows[hit])
+            low.append(bottoms[hit])
+            high.append(tops[hit])
+            geom.append(np.broadcast_to(ids, rows.shape)[hit])
+
+        every = np.arange(len(xy))
+        for field in self.fields:
+            tops = self.field_height(field, xy)
+            add(every, np.full(len(xy), -np.inf), tops, field)
+        if self._triangle_cells is not None:
+            add(*self._surface_extents(xy))
+        if solids:
+            for plane in self.planes:
+                add(every, *self._plane_extents(plane, xy), plane)
+            if self._solid_cells is not None:
+                point, which = self._solid_cells.pairs(xy)
+                for slot in np.unique(which):
+                    rows = point[which == slot]
+                    geom_id = self.convex[slot]
+                    ends = vertical_extent(
+                        self.solids[geom_id], self.position[geom_id], self.matrix[geom_id], xy[rows]
+                    )
+                    add(rows, *ends, geom_id)
+        return _side_by_side(len(xy), row, low, high, geom)
+
+    def field_height(self, geom: int, xy: Array) -> Array:
+        """Return the height (n,) of one upright heightfield [m], NaN beside it.
+
+        Between grid points the surface is MuJoCo's own two triangles a cell.
+        """
+        values, spacing = self.field_grid(geom)
+        turn = self.matrix[geom][:2, :2]
+        local = (xy - self.position[geom, :2]) @ turn
+        half = self.model.hfield_size[self.model.geom_dataid[geom], :2]
+        column = (local[:, 0] + half[0]) / spacing[0]
+        line = (local[:, 1] + half[1]) / spacing[1]
+        nrow, ncol = values.shape
+        c = np.clip(column.astype(np.int32), 0, ncol - 2)
+        r = np.clip(line.astype(np.int32), 0, nrow - 2)
+        column -= c
+        line -= r
+        flat = values.ravel()
+        base = r * np.int32(ncol) + c
+        corner = flat[base]
+        far = flat[base + np.int32(ncol + 1)]
+        # The corner between them, of the one of the cell's two triangles that the line meets.
+        lower = column > line
+        third = flat[base + np.where(lower, np.int32(1), np.int32(ncol))]
+        long, short = np.maximum(column, line), np.minimum(column, line)
+        height = corner + long * (third - corner) + short * (far - third)
+        height += self.position[geom, 2]
+        edge = 1e-9
+        height[(short < -edge) | (long > 1 + edge)] = np.nan
+        return np.asarray(height)
+
+    def field_grid(self, geom: int) -> tuple[Array, Array]:
+        """Return a heightfield over its frame (nrow, ncol), and its spacing (x, y) [m]."""
+        if geom in self._grids:
+            return self._grids[geom]
+        field = int(self.model.geom_dataid[geom])
+        nrow, ncol = int(self.model.hfield_nrow[field]), int(self.model.hfield_ncol[field])
+        start = int(self.model.hfield_adr[field])
+        size = self.model.hfield_size[field]
+        values = np.asarray(self.model.hfield_data[start : start + nrow * ncol], dtype=np.float64)
+        spacing = 2 * size[:2] / np.array([ncol - 1, nrow - 1])
+        self._grids[geom] = values.reshape(nrow, ncol) * size[2], spacing
+        return self._grids[geom]
+
+    def surface_bounds(self) -> list[tuple[Array, Array]]:
+        """Return the bounding boxes of open meshes and tilted heightfields, each (3,) and (3,)."""
+        boxes = []
+        for geom in self.surfaces:
+            corner = self._triangles[self._triangle_geom == geom].reshape(-1, 3)
+            boxes.append((corner.min(axis=0), corner.max(axis=0)))
+        return boxes
+
+    def name(self, geom: int) -> str:
+        """Return a geom's name, or its kind and number."""
+        if geom < 0:
+            return "nothing"
+        kind = _Geom(int(self.model.geom_type[geom])).name.removeprefix("mjGEOM_").lower()
+        return self.model.geom(geom).name or f"{kind} {geom}"
+
+    def _group(self, geom: int) -> str:
+        kind = self.model.geom_type[geom]
+        if kind == _Geom.mjGEOM_PLANE:
+            return "plane"
+        if kind == _Geom.mjGEOM_HFIELD:
+            return "field" if self.matrix[geom][2, 2] > 1 - _FLAT else "surface"
+        if kind == _Geom.mjGEOM_MESH and not is_convex(
+            self.model, int(self.model.geom_dataid[geom])
+        ):
+            return "surface"
+        return "convex"
+
+    def _index_solids(self) -> _Cells | None:
+        if not self.convex:
+            return None
+        ids = np.array(self.convex)
+        box = self.model.geom_aabb[ids]
+        centre = self.position[ids] + np.einsum("gij,gj->gi", self.matrix[ids], box[:, :3])
+        half = np.einsum("gij,gj->gi", np.abs(self.matrix[ids]), box[:, 3:])
+        return _Cells((centre - half)[:, :2], (centre + half)[:, :2])
+
+    def _collect_triangles(self) -> tuple[Array, Index]:
+        triangles, owners = [np.empty((0, 3, 3))], [np.empty(0, np.int64)]
+        for geom in self.surfaces:
+            if self.model.geom_type[geom] == _Geom.mjGEOM_MESH:
+                vertex, face = mesh_arrays(self.model, int(self.model.geom_dataid[geom]))
+            else:
+                vertex, face = self._field_mesh(geom)
+            world = vertex @ self.matrix[geom].T + self.position[geom]
+            triangles.append(world[face])
+            owners.append(np.full(len(face), geom))
+        return np.concatenate(triangles), np.concatenate(owners)
+
+    def _field_mesh(self, geom: int) -> tuple[Array, Index]:
+        values, spacing = self.field_grid(geom)
+        nrow, ncol = values.shape
+        r, c = np.mgrid[:nrow, :ncol]
+        half = self.model.hfield_size[self.model.geom_dataid[geom], :2]
+        vertex = np.stack((c * spacing[0] - half[0], r * spacing[1] - half[1], values), axis=2)
+        base = (r * ncol + c)[:-1, :-1].ravel()
+        lower = np.stack((base, base + 1, base + ncol + 1), axis=1)
+        upper = np.stack((base, base + ncol + 1, base + ncol), axis=1)
+        return vertex.reshape(-1, 3), np.concatenate((lower, upper))
+
+    def _plane_extents(self, geom: int, xy: Array) -> tuple[Array, Array]:
+        """MuJoCo's planes have no edge for collisions, whatever size they are drawn with."""
+        normal = self.matrix[geom][:, 2]
+        offset = float(normal @ self.position[geom])
+        across = xy @ normal[:2]
+        endless = np.full(len(xy), np.inf)
+        if abs(normal[2]) < _FLAT:  # a wall: its back half is solid
+            inside = np.where(across < offset, np.inf, np.nan)
+            return -inside, inside
+        height = (offset - across) / normal[2]
+        return (-endless, height) if normal[2] > 0 else (height, endless)
+
+    def _surface_extents(self, xy: Array) -> tuple[Index, Array, Array, Index]:
+        """Pair the crossings of each line with each open mesh: in, out, in, out, from above."""
+        assert self._triangle_cells is not None
+        # A hair's breadth aside, so that no line runs through an edge and counts two triangles.
+        line = xy + np.array([1.37e-8, 0.71e-8])
+        point, which = self._triangle_cells.pairs(line)
+        a, b, c = (self._triangles[which, i] for i in range(3))
+        p = line[point]
+        twice = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (
+            c[:, 0] - a[:, 0]
+        )
+        with np.errstate(invalid="ignore", divide="ignore"):
+            second = (
+                (p[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1])
+                - (p[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+            ) / twice
+            third = (
+                (b[:, 0] - a[:, 0]) * (p[:, 1] - a[:, 1])
+                - (b[:, 1] - a[:, 1]) * (p[:, 0] - a[:, 0])
+            ) / twice
+        hit = (second >= 0) & (third >= 0) & (second + third <= 1)  # NaN: upright, no hit
+        z = a[:, 2] + second * (b[:, 2] - a[:, 2]) + third * (c[:, 2] - a[:, 2])
+        point, z, geom = point[hit], z[hit], self._triangle_geom[which[hit]]
+        order = np.lexsort((-z, geom, point))
+        point, z, geom = point[order], z[order], geom[order]
+        new = np.ones(len(point), dtype=bool)
+        new[1:] = (point[1:] != point[:-1]) | (geom[1:] != geom[:-1])
+        start = np.flatnonzero(new)
+        place = np.arange(len(point)) - np.repeat(start, np.diff(np.append(start, len(point))))
+        enters = np.flatnonzero(place % 2 == 0)
+        leaves = np.minimum(enters + 1, len(point) - 1)
+        closed = (leaves > enters) & ~new[leaves]
+        bottom = np.where(closed, z[leaves], -np.inf)
+        return point[enters], bottom, z[enters], geom[enters]
+
+
+class _Cells:
+    """Which rectangles lie over a point: a square grid that lists the rectangles of each cell."""
+
+    def __init__(self, low: Array, high: Array) -> None:
+        self._origin = low.min(axis=0) - 1e-6
+        span = high.max(axis=0) + 1e-6 - self._origin
+        size = float(np.median(np.max(high - low, axis=1)))
+        self._cell = max(size, float(span.max()) / 512, 1e-6)
+        self._shape = np.maximum(1, np.ceil(span / self._cell)).astype(np.int64)
+        first = self._cell_of(low)
+        last = self._cell_of(high)
+        extent = last - first + 1
+        count = extent[:, 0] * extent[:, 1]
+        which = np.repeat(np.arange(len(low)), count)
+        place = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+        x = first[which, 0] + place % extent[which, 0]
+        y = first[which, 1] + place // extent[which, 0]
+        cell = x * self._shape[1] + y
+        order = np.argsort(cell, kind="stable")
+        self._members = which[order]
+        self._start = np.searchsorted(cell[order], np.arange(self._shape.prod() + 1))
+        self._low, self._high = low, high
+
+    def pairs(self, xy: Array) -> tuple[Index, Index]:
+        """Return the pairs (point, rectangle) where the rectangle holds the point."""
+        place = np.floor((xy - self._origin) / self._cell).astype(np.int64)
+        within = np.flatnonzero(((place >= 0) & (place < self._shape)).all(axis=1))
+        cell = place[within, 0] * self._shape[1] + place[within, 1]
+        start, count = self._start[cell], self._start[cell + 1] - self._start[cell]
+        point = np.repeat(within, count)
+        offset = np.arange(len(point)) - np.repeat(np.cumsum(count) - count, count)
+        member = self._members[np.repeat(start, count) + offset]
+        p = xy[point]
+        holds = ((p >= self._low[member] - 1e-7) & (p <= self._high[member] + 1e-7)).all(axis=1)
+        return point[holds], member[holds]
+
+    def _cell_of(self, xy: Array) -> Index:
+        place = np.floor((xy - self._origin) / self._cell).astype(np.int64)
+        return np.asarray(np.clip(place, 0, self._shape - 1))
+
+
+def _side_by_side(
+    count: int, row: list[Index], low: list[Array], high: list[Array], geom: list[Index]
+) -> tuple[Array, Array, Index]:
+    """Put hits, listed by point, into arrays of one line a point."""
+    if sum(len(rows) for rows in row) == 0:
+        return np.empty((count, 0)), np.empty((count, 0)), np.empty((count, 0), np.int64)
+    if len(row) == 1 and len(row[0]) == count:  # one field under everything: nothing to sort
+        return low[0][:, None], high[0][:, None], geom[0][:, None]
+    rows = np.concatenate(row)
+    order = np.argsort(rows, kind="stable")
+    rows = rows[order]
+    start = np.searchsorted(rows, np.arange(count))
+    column = np.arange(len(rows)) - start[rows]
+    shape = (count, int(column.max()) + 1)
+    bottom, top = np.full(shape, np.nan), np.full(shape, np.nan)
+    ids = np.full(shape, -1)
+    bottom[rows, column] = np.concatenate(low)[order]
+    top[rows, column] = np.concatenate(high)[order]
+    ids[rows, column] = np.concatenate(geom)[order]
+    return bottom, top, ids

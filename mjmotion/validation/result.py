@@ -1,0 +1,171 @@
+"""What a validation returns: figures, where they are worst, and how they stand to thresholds."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.validation.thresholds import (
+    AT_LEAST,
+    THRESHOLDS,
+    Threshold,
+    merge_thresholds,
+)
+
+# What people read for each figure, in the order of the table.
+LABELS: dict[str, str] = {
+    "stance_drift_mm": "stance drift",
+    "stance_gap_max_mm": "stance gap, planes and steps",
+    "stance_gap_hfield_p95_mm": "stance gap, heightfields, p95",
+    "foot_skate_mm_s": "mean speed of stance feet",
+    "sole_penetration_mm": "sole penetration",
+    "obstacle_penetration_mm": "obstacle penetration",
+    "swing_clearance_mm": "swing clearance",
+    "source_swing_clearance_mm": "swing clearance, source",
+    "joint_limit_rad": "joint limit excess",
+    "jerk_ratio_rms": "joint jerk over source, RMS",
+    "jerk_ratio_p999": "joint jerk over source, p99.9",
+    "root_travel_ratio": "root path over source",
+    "root_displacement_ratio": "root displacement over source",
+}
+_UNITS = (("_mm_s", "mm/s"), ("_mm", "mm"), ("_rad", "rad"))
+
+
+@dataclasses.dataclass(frozen=True)
+class Worst:
+    """Where a figure is worst.
+
+    Attributes:
+      frame: the frame, or None where a figure is about the whole motion.
+      where: the site, foot, body or joint, and what it touched, as words.
+    """
+
+    frame: int | None
+    where: str
+
+    def __str__(self) -> str:
+        return self.where if self.frame is None else f"frame {self.frame}, {self.where}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """One line of the table: a figure, its bound, and whether it holds.
+
+    ``ok`` is None where there is no threshold or nothing was there to measure.
+    """
+
+    figure: str
+    label: str
+    value: float
+    unit: str
+    threshold: str
+    ok: bool | None
+    where: str
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Validation:
+    """The figures of one motion.
+
+    Attributes:
+      metrics: figure by name, NaN where nothing was there to measure, infinite where a foot
+        stands on nothing at all.
+      worst: where each figure is worst.
+      per_contact: a dict a contact: site, start, end, drift_mm, drift_frame, gap_mm, gap_frame,
+        skate_mm_s, ground (name of what it stands on) and ground_kind (``hfield`` or ``solid``).
+      per_swing: a dict a swing: foot, start, end, clearance_mm, frame, source_clearance_mm.
+      per_frame: arrays, one value a frame: ``sole_penetration_mm``, ``obstacle_penetration_mm``,
+        ``joint_limit_rad``, ``jerk_rms`` and ``source_jerk_rms`` [rad/s³] (NaN in the last three
+        frames), and for each site that feet stand with ``height_m/SITE``, ``ground_m/SITE`` (NaN
+        where there is none), ``gap_mm/SITE`` (NaN out of contact) and ``contact/SITE``.
+      per_joint: joint name to RMS jerk (adapted, source) [rad/s³].
+      thresholds: the thresholds it was computed with.
+      fps: frames a second.
+      nframe: number of frames.
+    """
+
+    metrics: dict[str, float]
+    worst: dict[str, Worst]
+    per_contact: list[dict[str, Any]]
+    per_swing: list[dict[str, Any]]
+    per_frame: dict[str, NDArray[Any]]
+    per_joint: dict[str, tuple[float, float]]
+    thresholds: dict[str, Threshold]
+    fps: float
+    nframe: int
+
+    def bounds(self, name: str, thresholds: Mapping[str, Threshold] | None = None) -> Threshold:
+        """Return the bound that holds for a figure here: a number, (lower, upper), or None.
+
+        No more swing clearance is asked for than half of the source's own, where that is
+        positive; where the source's soles are under its ground, no less than the source has.
+        """
+        bound = (self.thresholds if thresholds is None else thresholds).get(name)
+        if name == "swing_clearance_mm" and isinstance(bound, float):
+            own = self.metrics["source_swing_clearance_mm"]
+            return bound if math.isnan(own) else min(bound, own / 2 if own > 0 else own)
+        return bound
+
+    def holds(self, name: str, thresholds: Mapping[str, Threshold] | None = None) -> bool | None:
+        """Whether a figure is within its bound; None without a bound or without a value."""
+        bound, value = self.bounds(name, thresholds), self.metrics[name]
+        if bound is None or math.isnan(value):
+            return None
+        if isinstance(bound, tuple):
+            return bound[0] <= value <= bound[1]
+        return value >= bound if name in AT_LEAST else value <= bound
+
+    def broken(self, thresholds: Mapping[str, object] | None = None) -> list[str]:
+        """Return the names of all figures beyond their thresholds.
+
+        Args:
+          thresholds: replaces the thresholds of the validation: changes to the defaults.
+
+        Raises:
+          MotionError: unknown name or a value of the wrong kind.
+        """
+        merged = self.thresholds if thresholds is None else merge_thresholds(thresholds)
+        return [name for name in THRESHOLDS if self.holds(name, merged) is False]
+
+    def summary(self) -> list[Row]:
+        """Return the table: one row a figure."""
+        return [
+            Row(
+                name,
+                label,
+                self.metrics[name],
+                next((unit for ending, unit in _UNITS if name.endswith(ending)), ""),
+                self._bound_text(name),
+                self.holds(name),
+                str(self.worst.get(name, "")),
+            )
+            for name, label in LABELS.items()
+        ]
+
+    def _bound_text(self, name: str) -> str:
+        bound = self.bounds(name)
+        if bound is None:
+            return ""
+        if isinstance(bound, tuple):
+            return f"{bound[0]:g} to {bound[1]:g}"
+        return f"≥ {bound:.4g}" if name in AT_LEAST else f"≤ {bound:g}"
+
+
+def as_numbers(value: Any) -> Any:
+    """Return nested dicts and lists with plain Python numbers, and None for NaN and infinity."""
+    if isinstance(value, Mapping):
+        return {str(key): as_numbers(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [as_numbers(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return as_numbers(value.tolist())
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,331 @@
+"""The exact shape of one geom: its extent along vertical lines, its lowest point, its skin.
+
+Everything here works on many places at once and knows the geom types of MuJoCo in their own
+frames; heightfields and planes, which have no end, belong to :mod:`mjmotion.validation.ground`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_Geom = mujoco.mjtGeom
+_ROUND = (_Geom.mjGEOM_SPHERE, _Geom.mjGEOM_ELLIPSOID)
+_TINY = 1e-12
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Solid:
+    """A convex geom in its own frame.
+
+    Attributes:
+      kind: the geom's ``mjtGeom``.
+      size: (3,) semi-axes of an ellipsoid or sphere, or radius and half length of a rod [m].
+      vertex: (nvertex, 3) corners of a box or of a mesh's convex hull [m]; none for round geoms.
+      plane: (nplane, 4) outward normal and offset of each face of a box or hull.
+      face: (nface, 3, 3) triangles of a box or hull [m].
+    """
+
+    kind: int
+    size: Array
+    vertex: Array
+    plane: Array
+    face: Array
+
+
+def solid_of(model: mujoco.MjModel, geom: int) -> Solid:
+    """Return the shape of a geom; a mesh is taken as its convex hull, as MuJoCo collides it."""
+    kind = int(model.geom_type[geom])
+    size = np.array(model.geom_size[geom], dtype=np.float64)
+    none = np.empty((0, 3)), np.empty((0, 4)), np.empty((0, 3, 3))
+    if kind == _Geom.mjGEOM_SPHERE:
+        size = np.full(3, size[0])
+    if kind in (*_ROUND, _Geom.mjGEOM_CAPSULE, _Geom.mjGEOM_CYLINDER):
+        return Solid(kind, size, *none)
+    if kind == _Geom.mjGEOM_BOX:
+        points = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * size
+        # Two triangles a side, by the corners' binary numbers.
+        quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+        face = np.array([[q[0], q[i], q[i + 1]] for q in quads for i in (1, 2)])
+    else:
+        points, face = _hull(model, int(model.geom_dataid[geom]))
+    triangle = points[face]
+    return Solid(kind, size, points, _planes(triangle, points.mean(axis=0)), triangle)
+
+
+def mesh_arrays(model: mujoco.MjModel, mesh: int) -> tuple[Array, NDArray[np.int64]]:
+    """Return all vertices (n, 3) and faces (m, 3) of a compiled mesh."""
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    vertex = np.array(model.mesh_vert[first : first + count], dtype=np.float64)
+    first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    return vertex, np.array(model.mesh_face[first : first + count], dtype=np.int64)
+
+
+def is_convex(model: mujoco.MjModel, mesh: int) -> bool:
+    """Whether a mesh fills its convex hull: no vertex or face centre lies inside the hull."""
+    vertex, face = mesh_arrays(model, mesh)
+    extent = float(np.ptp(vertex, axis=0).max())
+    if float(np.linalg.svd(vertex - vertex.mean(axis=0), compute_uv=False)[-1]) < 1e-9 * extent:
+        return False
+    points = np.concatenate((vertex, vertex[face].mean(axis=1)))
+    points = points[:: max(1, len(points) // 2000)]
+    hull, triangles = _hull(model, mesh)
+    plane = _planes(hull[triangles], hull.mean(axis=0))
+    inside = np.min(plane[:, 3] - points @ plane[:, :3].T, axis=1)
+    return bool(inside.max() < 1e-3 * extent)
+
+
+def vertical_extent(solid: Solid, position: Array, matrix: Array, xy: Array) -> tuple[Array, Array]:
+    """Return where vertical lines enter and leave a geom, from below.
+
+    Args:
+      solid: the geom.
+      position: (n, 3) or (3,) where it is [m].
+      matrix: (n, 3, 3) or (3, 3) how it is turned.
+      xy: (n, 2) the lines [m].
+
+    Returns:
+      low, high: (n,) heights [m], NaN where the line misses the geom.
+    """
+    flat = np.concatenate((xy, np.zeros((len(xy), 1))), axis=1) - position
+    origin = np.einsum("...ji,...j->...i", matrix, flat)
+    direction = np.broadcast_to(matrix[..., 2, :], origin.shape)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if len(solid.plane):
+            return _clip(origin, direction, solid.plane)
+        if solid.kind in _ROUND:
+            return _quadratic(origin / solid.size, direction / solid.size, 1.0)
+        radius, half = solid.size[0], solid.size[1]
+        low, high = _quadratic(origin[:, :2], direction[:, :2], radius)
+        ends = np.array([[0.0, 0.0, 1.0, half], [0.0, 0.0, -1.0, half]])
+        first, last = _clip(origin, direction, ends)
+        low, high = np.maximum(low, first), np.minimum(high, last)
+        low, high = np.where(low <= high, low, np.nan), np.where(low <= high, high, np.nan)
+        if solid.kind == _Geom.mjGEOM_CAPSULE:
+            for end in (-half, half):
+                cap = origin - np.array([0.0, 0.0, end])
+                first, last = _quadratic(cap, direction, radius)
+                low, high = np.fmin(low, first), np.fmax(high, last)
+        return low, high
+
+
+def reach(solid: Solid, direction: Array) -> Array:
+    """Return how far (n,) a geom goes from its own origin along directions (n, 3) [m].
+
+    The directions are unit vectors in the geom's frame; this is its support function.
+    """
+    if len(solid.vertex):
+        return np.asarray((direction @ solid.vertex.T).max(axis=1))
+    if solid.kind in _ROUND:
+        return np.asarray(np.linalg.norm(direction * solid.size, axis=1))
+    along = solid.size[1] * np.abs(direction[:, 2])
+    if solid.kind == _Geom.mjGEOM_CAPSULE:
+        return np.asarray(along + solid.size[0])
+    return np.asarray(along + solid.size[0] * np.hypot(direction[:, 0], direction[:, 1]))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Skin:
+    """Points on a geom's surface, in its frame, and which way each faces.
+
+    Attributes:
+      point: (n, 3) [m].
+      normal: (k, 3) outward normals.
+      member: (k, n) 1 where a point lies on the side of a normal; None if each has its own.
+    """
+
+    point: Array
+    normal: Array
+    member: NDArray[np.float32] | None
+
+    def facing_down(self, matrix: Array) -> NDArray[np.bool_]:
+        """Return (nframe, n) which points are on the underside, for orientations (nframe, 3, 3)."""
+        down = matrix[:, 2, :] @ self.normal.T < 1e-6
+        if self.member is None:
+            return np.asarray(down)
+        return np.asarray(down.astype(np.float32) @ self.member > 0.5)
+
+    def keep(self, chosen: NDArray[np.bool_]) -> Skin:
+        """Return the skin with some of its points (n,) only."""
+        if self.member is None:
+            return Skin(self.point[chosen], self.normal[chosen], None)
+        return Skin(self.point[chosen], self.normal, self.member[:, chosen])
+
+
+def skin(solid: Solid, spacing: float) -> Skin:
+    """Return points on a geom's surface at most about ``spacing`` [m] apart.
+
+    Corners are among them, where they are no closer than half of the spacing to one another.
+    """
+    if len(solid.vertex):
+        point = np.concatenate((solid.vertex, _on_edges(solid, spacing), _on_faces(solid, spacing)))
+        # A finely cut mesh has more corners than are of use; of a crowd, a corner comes first.
+        cell = np.round(point / (spacing / 2)).astype(np.int64)
+        _, first = np.unique(cell @ np.array([1, 1 << 20, 1 << 40]), return_index=True)
+        point = point[np.sort(first)]
+        size = np.ptp(solid.vertex, axis=0).max()
+        away = solid.plane[:, 3, None] - solid.plane[:, :3] @ point.T
+        return Skin(point, solid.plane[:, :3], (away < 1e-6 * size).astype(np.float32))
+    if solid.kind in _ROUND:
+        ball = _ball(max(6, int(np.ceil(np.pi * solid.size.max() / spacing))))
+        normal = ball / solid.size
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        return Skin(ball * solid.size, normal, None)
+    radius, half = solid.size[0], solid.size[1]
+    count = max(6, int(np.ceil(2 * np.pi * radius / spacing)))
+    angle = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
+    ring = np.stack((np.cos(angle), np.sin(angle), np.zeros(count)), axis=1)
+    height = np.linspace(-half, half, max(2, 1 + int(np.ceil(2 * half / spacing))))
+    wall = (radius * ring[None] + height[:, None, None] * np.array([0.0, 0.0, 1.0])).reshape(-1, 3)
+    points, normals = [wall], [np.tile(ring, (len(height), 1))]
+    ball = _ball(max(6, int(np.ceil(np.pi * radius / spacing))))
+    for sign in (-1.0, 1.0):
+        if solid.kind == _Geom.mjGEOM_CAPSULE:
+            cap = ball[ball[:, 2] * sign >= 0.0]
+            points.append(radius * cap + np.array([0.0, 0.0, sign * half]))
+            normals.append(cap)
+        else:
+            for part in np.linspace(0.0, 1.0, max(2, int(np.ceil(radius / spacing)) + 1)):
+                points.append(part * radius * ring + np.array([0.0, 0.0, sign * half]))
+                normals.append(np.tile([0.0, 0.0, sign], (count, 1)))
+    return Skin(np.concatenate(points), np.concatenate(normals), None)
+
+
+def within(solid: Solid, points: Array, margin: float = 1e-6) -> NDArray[np.bool_]:
+    """Return which points (n, 3) in the geom's frame are at least ``margin`` [m] inside it."""
+    if len(solid.plane):
+        room = solid.plane[:, 3] - points @ solid.plane[:, :3].T
+        return np.asarray((room > margin).all(axis=1))
+    if solid.kind in _ROUND:
+        inner = np.linalg.norm(points / solid.size, axis=1)
+        return np.asarray((1 - inner) * solid.size.min() > margin)
+    radius, half = solid.size[0], solid.size[1]
+    across = np.hypot(points[:, 0], points[:, 1])
+    along = np.abs(points[:, 2]) - half
+    if solid.kind == _Geom.mjGEOM_CAPSULE:
+        return np.asarray(np.hypot(across, np.maximum(along, 0.0)) < radius - margin)
+    return np.asarray((across < radius - margin) & (along < -margin))
+
+
+def _hull(model: mujoco.MjModel, mesh: int) -> tuple[Array, NDArray[np.int64]]:
+    """Return vertices (n, 3) and faces (m, 3) of a mesh's convex hull."""
+    vertex, _ = mesh_arrays(model, mesh)
+    start = int(model.mesh_graphadr[mesh])
+    if start >= 0:  # the compiler's own hull, which collisions use
+        graph = model.mesh_graph[start:]
+        nvert, nface = int(graph[0]), int(graph[1])
+        used = np.asarray(graph[2 + nvert : 2 + 2 * nvert], dtype=np.int64)
+        first = 2 + 3 * nvert + 3 * nface
+        face = np.asarray(graph[first : first + 3 * nface], dtype=np.int64).reshape(-1, 3)
+    else:
+        from scipy.spatial import ConvexHull  # only meshes that MuJoCo never collides
+
+        hull = ConvexHull(vertex)
+        used, face = np.sort(hull.vertices), hull.simplices.astype(np.int64)
+    order = np.argsort(used)
+    return vertex[used[order]], np.searchsorted(used[order], face)
+
+
+def _planes(triangle: Array, centre: Array) -> Array:
+    """Return (n, 4) outward normals and offsets of faces; those of one plane are merged."""
+    normal = np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    normal, corner = normal[area > 0] / area[area > 0, None], triangle[area > 0, 0]
+    normal *= np.where(np.einsum("ni,ni->n", normal, corner - centre) < 0, -1.0, 1.0)[:, None]
+    plane = np.concatenate((normal, np.einsum("ni,ni->n", normal, corner)[:, None]), axis=1)
+    _, keep = np.unique(np.round(plane, 7), axis=0, return_index=True)
+    return np.asarray(plane[keep])
+
+
+def _clip(origin: Array, direction: Array, plane: Array) -> tuple[Array, Array]:
+    """Return the part of lines ``origin + t direction`` (n, 3) behind all planes (m, 4)."""
+    slope = direction @ plane[:, :3].T
+    room = plane[:, 3] - origin @ plane[:, :3].T
+    flat = np.abs(slope) < _TINY
+    cut = room / np.where(flat, 1.0, slope)
+    low = np.where(~flat & (slope < 0), cut, -np.inf).max(axis=1)
+    high = np.where(~flat & (slope > 0), cut, np.inf).min(axis=1)
+    miss = (low > high) | (flat & (room < 0)).any(axis=1)
+    return np.where(miss, np.nan, low), np.where(miss, np.nan, high)
+
+
+def _quadratic(origin: Array, direction: Array, radius: float) -> tuple[Array, Array]:
+    """Return where lines are within ``radius`` of the origin, in any number of dimensions."""
+    square = np.einsum("ni,ni->n", direction, direction)
+    half = np.einsum("ni,ni->n", origin, direction)
+    rest = np.einsum("ni,ni->n", origin, origin) - radius**2
+    root = np.sqrt(half**2 - square * rest)  # NaN where the line misses
+    low, high = (-half - root) / square, (-half + root) / square
+    parallel = square < _TINY**2
+    inside = np.where(rest <= 0, np.inf, np.nan)
+    return np.where(parallel, -inside, low), np.where(parallel, inside, high)
+
+
+def _on_edges(solid: Solid, spacing: float) -> Array:
+    """Return points along the edges of a box or hull, without its corners."""
+    start = solid.face.reshape(-1, 3)
+    end = np.roll(solid.face, -1, axis=1).reshape(-1, 3)
+    size = np.ptp(solid.vertex, axis=0).max()
+    on = [
+        np.abs(solid.plane[:, 3] - corner @ solid.plane[:, :3].T) < 1e-6 * size
+        for corner in (start, end)
+    ]
+    # An edge of a triangle is one of the solid where two planes meet along it; each comes twice.
+    real = (on[0] & on[1]).sum(axis=1) >= 2
+    real &= (start[:, 0] < end[:, 0]) | (
+        (start[:, 0] == end[:, 0])
+        & ((start[:, 1] < end[:, 1]) | ((start[:, 1] == end[:, 1]) & (start[:, 2] < end[:, 2])))
+    )
+    start, end = start[real], end[real]
+    count = np.ceil(np.linalg.norm(end - start, axis=1) / spacing).astype(np.int64)
+    which = np.repeat(np.arange(len(count)), count - 1)
+    step = np.arange(len(which)) - np.repeat(np.cumsum(count - 1) - (count - 1), count - 1) + 1
+    part = (step / count[which])[:, None]
+    return np.asarray(start[which] + part * (end[which] - start[which]))
+
+
+def _on_faces(solid: Solid, spacing: float) -> Array:
+    """Return a grid of points on faces whose middle is further than ``spacing`` from any edge."""
+    size = np.ptp(solid.vertex, axis=0).max()
+    normal, offset = solid.plane[:, :3], solid.plane[:, 3]
+    first = np.eye(3)[np.abs(normal).argmin(axis=1)]
+    first = first - np.einsum("ki,ki->k", first, normal)[:, None] * normal
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    frame = np.stack((first, np.cross(normal, first)), axis=2)  # (nplane, 3, 2)
+    flat = np.einsum("vi,kij->kvj", solid.vertex, frame)
+    mine = np.abs(offset[:, None] - normal @ solid.vertex.T) < 1e-6 * size
+    low = np.where(mine[..., None], flat, np.inf).min(axis=1)
+    extent = np.where(mine[..., None], flat, -np.inf).max(axis=1) - low
+    points = [np.empty((0, 3))]
+    for k in np.flatnonzero(extent.min(axis=1) > 2 * spacing):
+        steps = np.ceil(extent[k] / spacing).astype(np.int64)
+        axes = [low[k, i] + extent[k, i] * np.arange(1, steps[i]) / steps[i] for i in (0, 1)]
+        grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+        place = grid @ frame[k].T + offset[k] * normal[k]
+        room = offset - place @ normal.T
+        points.append(place[(room > -1e-6 * size).all(axis=1)])
+    return np.concatenate(points)
+
+
+def _ball(count: int) -> Array:
+    """Return points on the unit sphere, ``count`` from pole to pole."""
+    points = []
+    for polar in np.linspace(0.0, np.pi, count + 1):
+        around = max(1, round(2 * count * np.sin(polar)))
+        angle = 2 * np.pi * np.arange(around) / around
+        points.append(
+            np.stack(
+                (
+                    np.sin(polar) * np.cos(angle),
+                    np.sin(polar) * np.sin(angle),
+                    np.full(around, np.cos(polar)),
+                ),
+                axis=1,
+            )
+        )
+    return np.concatenate(points)
