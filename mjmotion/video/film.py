@@ -21,16 +21,19 @@ from mjmotion.motion import Motion
 from mjmotion.video import stage as staging
 from mjmotion.video.camera import FOVY, CameraPath, figure_extent, follow, whole_walk
 from mjmotion.video.captions import write_label
+from mjmotion.video.field import FieldWindow
 from mjmotion.video.gl import Canvas, Image, ensure_gl
 from mjmotion.video.markers import HEEL, TOE, ContactMarks
-from mjmotion.video.stage import FieldWindow, Stage
+from mjmotion.video.stage import Stage
 from mjmotion.video.writer import VideoWriter
 
 LAYOUTS = ("side-by-side", "ghost", "single")
 
 _MAX_FPS = 30.0
 _GHOST = (0.20, 0.42, 0.85, 0.38)
+_GHOST_BEHIND = 0.02  # [m]: where both poses agree, the ghost hides in place of flickering
 _STRIP_FOVY = 20.0
+_WINDOW_BEYOND = 2.0  # the figure, seen from the camera [m]: the ground before it is not in view
 _MIN_SIZE = 64
 
 Progress = Callable[[int, int], None]
@@ -171,12 +174,15 @@ def render_strip(
     model.vis.quality.shadowsize = 4096
     window = FieldWindow(model, span + 20.0, 512)
     marks = ContactMarks.of(motion, contacts)
-    stage = Stage(model, extra=len(frames) * model.ngeom + len(contacts))
+    stage = Stage(
+        model, extra=len(frames) * model.ngeom + len(contacts), bearing=float(view.bearing[0])
+    )
+    data = mujoco.MjData(model)
     with Canvas(model, width, height) as canvas:
         window.move(view.lookat[0], canvas)
         stage.begin(motion.qpos[frames[0]], view.at(0), width / height)
         for frame in frames[1:]:
-            stage.add_figure(model, motion.qpos[frame])
+            stage.add_figure(model, motion.qpos[frame], data)
         marks.draw(stage, motion.nframe)
         canvas.draw(mujoco.MjrRect(0, 0, width, height), stage.scene)
         return canvas.read()
@@ -194,6 +200,15 @@ def video_frames(motion: Motion, fps: float) -> tuple[NDArray[np.int64], float]:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
+class _Ghost:
+    """Another motion of the same character, to be drawn in one colour."""
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    motion: Motion
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class _Panel:
     """A rectangle of the picture that shows one motion, maybe with a ghost beside it."""
 
@@ -204,15 +219,20 @@ class _Panel:
     marks: ContactMarks
     window: FieldWindow | None
     caption: str | None
-    ghost: tuple[mujoco.MjModel, Motion] | None = None
+    ghost: _Ghost | None = None
 
     def draw(self, canvas: Canvas, frame: int) -> None:
         if self.window is not None:
-            self.window.move(self.camera.lookat[frame], canvas)
+            ahead = self.camera.lookat[frame] - self.camera.position[frame]
+            ahead *= _WINDOW_BEYOND / np.linalg.norm(ahead)
+            self.window.move(self.camera.lookat[frame] + ahead, canvas)
         camera = self.camera.at(frame)
         self.stage.begin(self.motion.qpos[frame], camera, self.rect.width / self.rect.height)
         if self.ghost is not None:
-            self.stage.add_figure(self.ghost[0], self.ghost[1].qpos[frame])
+            away = self.camera.lookat[frame] - self.camera.position[frame]
+            qpos = self.ghost.motion.qpos[frame].copy()
+            qpos[:3] += _GHOST_BEHIND * away / np.linalg.norm(away)
+            self.stage.add_figure(self.ghost.model, qpos, self.ghost.data)
         self.marks.draw(self.stage, frame)
         canvas.draw(self.rect, self.stage.scene)
 
@@ -252,6 +272,7 @@ class _Film:
         self._captioned = captions is not None
         names = captions if captions is not None else (None, None)
         camera = follow(motion.model, motion.qpos, motion.fps)
+        bearing = float(np.median(camera.bearing))
         panels: list[_Panel] = []
         left = 0
         if layout == "side-by-side" and source is not None:
@@ -263,6 +284,7 @@ class _Film:
                     Stage(
                         staging.without_scene(self.model),
                         extra=len(contacts),
+                        bearing=bearing,
                         floor=_floor_height(source, marks),
                         shadows=shadows,
                     ),
@@ -275,11 +297,12 @@ class _Film:
             )
         ghost = None
         if layout == "ghost" and source is not None:
-            ghost = (staging.ghost(self.model, _GHOST), source)
+            tinted = staging.ghost(self.model, _GHOST)
+            ghost = _Ghost(tinted, mujoco.MjData(tinted), source)
         panels.append(
             _Panel(
                 mujoco.MjrRect(left, 0, width - left, height),
-                Stage(self.model, extra=len(contacts), shadows=shadows),
+                Stage(self.model, extra=len(contacts), bearing=bearing, shadows=shadows),
                 motion,
                 camera,
                 ContactMarks.of(motion, contacts),

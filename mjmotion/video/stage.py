@@ -1,8 +1,6 @@
 """What is drawn: copies of models made ready for pictures, their light, ground and background.
 
-A motion's own model is never changed. Copies hide the character or the scene, tint a ghost, and
-show large heightfields through a window that follows the figure (:class:`FieldWindow`), because the
-cost of a picture grows with every node of a field, seen or not.
+A motion's own model is never changed: copies hide the character or the scene, or tint a ghost.
 """
 
 from __future__ import annotations
@@ -14,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.kinematics import character_geoms
-from mjmotion.video.gl import Canvas
 
 Array = NDArray[np.float64]
 
@@ -23,10 +20,8 @@ FLOOR = (0.62, 0.64, 0.66, 1.0)
 FLOOR_LINE = (0.50, 0.52, 0.55, 1.0)
 
 _SHADOW_REACH = 3.5  # around the figure [m]
-_KEY = np.array([-0.45, 0.30, -1.0]) / np.linalg.norm([-0.45, 0.30, -1.0])
-_WINDOW = 15.0  # side of what is shown of a heightfield [m]; fog hides its edge
-_NODES = 128  # along each side of that window, at most
-_FOG = (9.0, 15.0)  # from the camera [m], with the window's size
+_KEY = (np.radians(42.0), np.radians(52.0))  # key light: beside the camera, over the ground
+_FOG = (7.5, 11.0)  # from the camera [m]: no farther than the window on a heightfield reaches
 _WALL = 80.0  # distance of the backdrop [m]
 _LINE_REACH = 12  # grid lines around the figure [m]
 
@@ -47,7 +42,7 @@ def picture_model(
     vis.global_.offwidth, vis.global_.offheight = width, height
     vis.global_.fovy = fovy
     vis.quality.offsamples = samples
-    vis.quality.shadowsize = 1024 if shadows else 0
+    vis.quality.shadowsize = 2048 if shadows else 0
     model.stat.extent = 1.0  # so that the distances below are metres
     vis.map.znear, vis.map.zfar = 0.1, 2.5 * _WALL
     vis.map.fogstart, vis.map.fogend = fog
@@ -79,112 +74,6 @@ def _repaint(model: mujoco.MjModel, geoms: NDArray[np.int64], rgba: ArrayLike) -
     return model
 
 
-class FieldWindow:
-    """Shows a square of each large heightfield, around a point, with nodes of the true field.
-
-    The nodes shown are every k-th of the field, counted from its corner, so the surface does not
-    change as the window moves; k is the smallest that keeps the window within ``nodes`` a side.
-    Fields that are small enough, or carry a texture that would swim, or are used by several geoms,
-    are shown whole, thinned to twice ``nodes`` a side.
-
-    Args:
-      model: a copy for pictures; its heightfields and their geoms are changed by ``move``.
-      side: of the window [m].
-      nodes: along a side, at most.
-    """
-
-    def __init__(self, model: mujoco.MjModel, side: float = _WINDOW, nodes: int = _NODES) -> None:
-        self._model = model
-        self._fields = [
-            field
-            for index in range(model.nhfield)
-            if (field := _Field.of(model, index, side, nodes)) is not None
-        ]
-
-    def move(self, point: ArrayLike, canvas: Canvas | None = None) -> bool:
-        """Move every window to ``point`` [m]; ``canvas`` is told. Return whether any moved."""
-        moved = False
-        for field in self._fields:
-            if field.move(self._model, np.asarray(point, dtype=np.float64)):
-                moved = True
-                if canvas is not None:
-                    canvas.upload_hfield(self._model, field.index)
-        return moved
-
-
-class _Field:
-    """One heightfield of which a part is shown."""
-
-    def __init__(
-        self, model: mujoco.MjModel, index: int, geoms: NDArray[np.int64], step: int, show: int
-    ) -> None:
-        self.index, self._geoms, self._step, self._show = index, geoms, step, show
-        rows, columns = int(model.hfield_nrow[index]), int(model.hfield_ncol[index])
-        self._begin = int(model.hfield_adr[index])
-        end = self._begin + rows * columns
-        self._heights = model.hfield_data[self._begin : end].reshape(rows, columns).copy()
-        self._half = model.hfield_size[index, :2].copy()
-        self._gap = 2 * self._half / (columns - 1, rows - 1)  # between nodes, x and y [m]
-        self._pos = model.geom_pos[geoms].copy()
-        self._matrix = np.empty(9)
-        mujoco.mju_quat2Mat(self._matrix, model.geom_quat[geoms[0]])
-        self._corner: tuple[int, int] | None = None
-
-    @classmethod
-    def of(cls, model: mujoco.MjModel, index: int, side: float, nodes: int) -> _Field | None:
-        """Return the window of a field; None where all of it can be shown as it is."""
-        rows, columns = int(model.hfield_nrow[index]), int(model.hfield_ncol[index])
-        geoms = np.flatnonzero(
-            (model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD) & (model.geom_dataid == index)
-        )
-        if len(geoms) == 0 or max(rows, columns) <= nodes:
-            return None
-        material = model.geom_matid[geoms]
-        textured = bool(np.any(model.mat_texid[material[material >= 0]] >= 0))
-        if textured or len(geoms) > 1 or model.geom_bodyid[geoms[0]] != 0:
-            return cls(model, index, geoms, -(-max(rows, columns) // (2 * nodes)), 2 * nodes)
-        gap = 2 * model.hfield_size[index, :2] / (columns - 1, rows - 1)
-        count = np.minimum(side / gap, (columns - 1, rows - 1)) + 1
-        return cls(model, index, geoms, max(int(np.ceil(count.max() / nodes)), 1), nodes)
-
-    def move(self, model: mujoco.MjModel, point: Array) -> bool:
-        """Show the part around ``point`` (3,) [m]; return whether that is another part."""
-        rows, columns = self._heights.shape
-        local = self._matrix.reshape(3, 3).T @ (point - self._pos[0])
-        node = (local[:2] + self._half) / self._gap
-        reach = self._step * self._show // 2
-        jump = self._step * max(self._show // 16, 1)  # so that not every frame uploads
-        corner = [
-            int(np.clip(np.round((place - reach) / jump) * jump, 0, max(size - 1, 0)))
-            for place, size in zip(node, (columns, rows), strict=True)
-        ]
-        last = [(size - 1) // self._step * self._step for size in (columns, rows)]
-        span = self._step * (self._show - 1)
-        corner = [
-            max(min(c, e - span), 0) // self._step * self._step
-            for c, e in zip(corner, last, strict=True)
-        ]
-        if self._corner == (corner[0], corner[1]):
-            return False
-        self._corner = (corner[0], corner[1])
-        part = self._heights[
-            corner[1] : corner[1] + span + 1 : self._step,
-            corner[0] : corner[0] + span + 1 : self._step,
-        ]
-        shown = np.array(part.shape[::-1])
-        model.hfield_nrow[self.index], model.hfield_ncol[self.index] = part.shape
-        model.hfield_data[self._begin : self._begin + part.size] = part.ravel()
-        half = (shown - 1) * self._step * self._gap / 2
-        model.hfield_size[self.index, :2] = half
-        shift = np.zeros(3)
-        shift[:2] = np.array(corner) * self._gap + half - self._half
-        for geom, pos in zip(self._geoms, self._pos, strict=True):
-            matrix = np.empty(9)
-            mujoco.mju_quat2Mat(matrix, model.geom_quat[geom])
-            model.geom_pos[geom] = pos + matrix.reshape(3, 3) @ shift
-        return True
-
-
 class Stage:
     """One MuJoCo scene that is filled anew for every frame.
 
@@ -193,10 +82,17 @@ class Stage:
       extra: how many geoms are added to the model's own, at most.
       floor: height of a flat floor with a grid to draw [m]; None for none.
       shadows: whether the key light casts them.
+      bearing: direction of the camera, about z from +x [rad]: the key light comes from beside it.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, extra: int, floor: float | None = None, shadows: bool = True
+        self,
+        model: mujoco.MjModel,
+        extra: int,
+        *,
+        bearing: float,
+        floor: float | None = None,
+        shadows: bool = True,
     ) -> None:
         self.model, self.floor, self.shadows = model, floor, shadows
         self.data = mujoco.MjData(model)
@@ -214,6 +110,12 @@ class Stage:
         self._option = mujoco.MjvOption()
         self._option.sitegroup[:] = 0
         self._still = mujoco.MjvPerturb()
+        turn, height = bearing - _KEY[0], _KEY[1]
+        self._key = -np.array(
+            [np.cos(turn) * np.cos(height), np.sin(turn) * np.cos(height), np.sin(height)]
+        )
+        across = bearing + np.pi / 2
+        self._fill = np.array([-0.7 * np.cos(across), -0.7 * np.sin(across), -0.7])
         self._pose(model.qpos0)
 
     def _pose(self, qpos: Array) -> None:
@@ -242,9 +144,14 @@ class Stage:
         if self.floor is not None:
             self._floor(np.asarray(camera.lookat), self.floor)
 
-    def add_figure(self, model: mujoco.MjModel, qpos: Array) -> None:
-        """Add the character of ``model``, a repainted copy of the stage's own, at ``qpos``."""
-        data = mujoco.MjData(model)
+    def add_figure(
+        self, model: mujoco.MjModel, qpos: Array, data: mujoco.MjData | None = None
+    ) -> None:
+        """Add the character of ``model``, a repainted copy of the stage's own, at ``qpos`` (nq,).
+
+        ``data``, of that copy, saves making one for every frame.
+        """
+        data = mujoco.MjData(model) if data is None else data
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
         mujoco.mjv_addGeoms(
@@ -293,15 +200,15 @@ class Stage:
             light.type = int(mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
             light.headlight = False
             light.attenuation[:] = (1.0, 0.0, 0.0)
-            light.pos[:] = target - 8.0 * _KEY
+            light.pos[:] = target - 8.0 * self._key
             light.texid = -1
         fill.castshadow = False
-        fill.dir[:] = (0.55, -0.45, -0.70)
+        fill.dir[:] = self._fill
         fill.ambient[:] = (0.40, 0.41, 0.43)
         fill.diffuse[:] = (0.18, 0.19, 0.22)
         fill.specular[:] = 0.0
         key.castshadow = self.shadows
-        key.dir[:] = _KEY
+        key.dir[:] = self._key
         key.ambient[:] = 0.0
         key.diffuse[:] = (0.56, 0.54, 0.50)
         key.specular[:] = 0.15
