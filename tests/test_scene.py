@@ -324,6 +324,21 @@ def test_a_convex_mesh_is_placed_and_another_is_sampled(tmp_path):
         assert measured == pytest.approx(z[row, column], abs=2e-3)
 
 
+def test_a_level_sheet_and_a_pile_of_boxes(tmp_path):
+    import trimesh
+
+    corners = [[0, 0, 0.5], [4, 0, 0.5], [4, 2, 0.5], [0, 2, 0.5]]
+    trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]]).export(tmp_path / "sheet.obj")
+    model = from_heights(tmp_path / "sheet.obj").compile()
+    assert ray_down(model, 1.0, 0.3)[0] == pytest.approx(0.5, abs=1e-5)
+
+    low, high = trimesh.creation.box((4, 4, 1)), trimesh.creation.box((2, 2, 3))
+    trimesh.util.concatenate([low, high]).export(tmp_path / "pile.glb")
+    model = from_heights(tmp_path / "pile.glb", start=(2.0, 2.0)).compile()
+    assert ray_down(model, 0.5, -0.5)[0] == pytest.approx(1.5, abs=1e-5)
+    assert ray_down(model, 1.5, -0.5)[0] == pytest.approx(0.5, abs=1e-5)
+
+
 # ---------------------------------------------------------------- shipped scenes
 
 
@@ -393,7 +408,7 @@ def test_compose_a_users_scene(yard, figure, capfd, tmp_path, monkeypatch, recwa
     assert names == {"yard", "dune", "bump", "rock", "wedge", "hip", "shin"}  # no studio floor
     assert model.opt.gravity[2] == -3.7
     assert [model.light(i).name for i in range(model.nlight)] == ["sun"]
-    assert model.vis.global_.offwidth >= 1280
+    assert model.vis.global_.offwidth >= 1280 and model.vis.global_.offheight >= 720
     # Both have a texture, a material and a class of the same names: each keeps its own.
     assert model.geom("hip").rgba.tolist() == [0, 1, 0, 1]
     assert model.geom("rock").rgba.tolist() == [0, 0, 1, 1]

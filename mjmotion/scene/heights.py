@@ -259,6 +259,8 @@ def _sample(
         )
     spec = mujoco.MjSpec()
     _add_mesh(spec, vertices, faces)
+    # Without collision MuJoCo needs no convex hull, which a level sheet does not have.
+    spec.geom("heights").contype = spec.geom("heights").conaffinity = 0
     # A floor at the lowest point catches the rays that miss the mesh.
     spec.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0, 0, 1), pos=(0, 0, float(low[2]))

@@ -25,6 +25,9 @@ from mjmotion.motion import check_free_root
 START_SITE = "start"
 """Name of the site where a clip begins; its x-axis is the way it walks."""
 
+_SUNSHINE = (-0.45, 0.25, -1.0)  # direction: the side to the right of the walk is lit
+_SUN_DISTANCE = 12.0  # nothing behind the light casts a shadow, so it stands over the scene
+
 _FILE_LIKE = (".xml", ".mjcf", ".urdf")
 
 
@@ -89,9 +92,9 @@ def compose(character: str | Path, scene: Scene) -> mujoco.MjSpec:
     The character's names stay as they are and its root is the first joint, so ``qpos[:, :7]`` is
     the root and ``qpos[:, :character.nq]`` the character even where the scene has joints of its
     own. What the character's file has directly in its world (a floor or lamp to look at it alone)
-    stays behind. Options, lights and visual settings are the scene's; a scene without a light gets
-    one, and the offscreen buffer is at least 1920 × 1080. Assets and default classes of the same
-    name in both are told apart by renaming the scene's.
+    stays behind. Options, lights and visual settings are the scene's; a scene without a light or a
+    sky gets one, and the offscreen buffer is at least 1920 × 1080. Assets and default classes of
+    the same name in both are told apart by renaming the scene's.
 
     Args:
       character: name of one of our models, or a path to an MJCF with a free root.
@@ -112,7 +115,7 @@ def compose(character: str | Path, scene: Scene) -> mujoco.MjSpec:
         _copy_settings(getattr(spec, group), getattr(stage, group))
     spec.modelname = f"{spec.modelname} on {scene.name}"
     _attach(spec, stage, scene.name)
-    _dress(spec)
+    _dress(spec, scene.start_pos)
     spec = spec.copy()  # a copy does not repeat the attachment's warnings at every compilation
     try:
         spec.compile()
@@ -272,23 +275,41 @@ def _clash(error: BaseException, name: str) -> MotionError:
     )
 
 
-def _dress(spec: mujoco.MjSpec) -> None:
-    """Make sure that the model can be seen: a light, and a buffer that a video fits in."""
+def _dress(spec: mujoco.MjSpec, start: NDArray[np.float64]) -> None:
+    """Make sure that the model can be seen: light, sky, and a buffer that a video fits in."""
     if not spec.lights:
-        add_sun(spec)
+        add_sun(spec, (float(start[0]), float(start[1]), float(start[2])))
+    if not any(_is_sky(texture) for texture in spec.textures):
+        add_sky(spec)
     spec.visual.global_.offwidth = max(1920, spec.visual.global_.offwidth)
     spec.visual.global_.offheight = max(1080, spec.visual.global_.offheight)
 
 
+def add_sky(spec: mujoco.MjSpec) -> None:
+    """Add a skybox that pales towards the horizon."""
+    spec.add_texture(
+        name=_free_name("sky", {texture.name for texture in spec.textures}),
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=(0.50, 0.66, 0.84),
+        rgb2=(0.93, 0.95, 0.97),
+        width=256,
+        height=256,
+    )
+
+
 def add_sun(
-    spec: mujoco.MjSpec, pos: tuple[float, float, float] = (0.0, 0.0, 10.0), name: str = "sun"
+    spec: mujoco.MjSpec, target: tuple[float, float, float] = (0.0, 0.0, 0.0), name: str = "sun"
 ) -> None:
-    """Add a directional light with shadows over ``pos`` [m], shining from ahead and the right."""
+    """Add a directional light that shines on ``target`` [m] from ahead and the right.
+
+    Its shadows reach as far around ``target`` as the model's extent.
+    """
     spec.worldbody.add_light(
-        name="" if any(light.name == name for light in spec.lights) else name,
+        name=_free_name(name, {light.name for light in spec.lights}),
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=pos,
-        dir=(-0.3, 0.45, -1.0),
+        pos=tuple(np.add(target, np.multiply(-_SUN_DISTANCE, _SUNSHINE))),
+        dir=_SUNSHINE,
         diffuse=(0.6, 0.58, 0.54),
         specular=(0.15, 0.15, 0.15),
         ambient=(0.0, 0.0, 0.0),

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.exceptions import SceneError
-from mjmotion.scene.model import START_SITE, add_sun
+from mjmotion.scene.model import START_SITE, add_sky, add_sun
 
 GROUND = "ground"
 """Material of the ground: a tiled grid of half metres, so that a motion can be read from it."""
@@ -28,7 +28,7 @@ def new_scene(
 
     Args:
       name: name of the model.
-      center: (x, y) of the middle of the scene [m]; the light stands over it.
+      center: (x, y) of the middle of the scene [m]; the light shines on it.
       radius: how far from the middle shadows are wanted [m].
     """
     spec = mujoco.MjSpec()
@@ -47,16 +47,8 @@ def new_scene(
     visual.headlight.diffuse = [0.12, 0.12, 0.12]
     visual.headlight.specular = [0.0, 0.0, 0.0]
     visual.rgba.haze = [0.86, 0.90, 0.94, 1.0]
-    add_sun(spec, (center[0], center[1], 12.0))
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=(0.50, 0.66, 0.84),
-        rgb2=(0.93, 0.95, 0.97),
-        width=256,
-        height=256,
-    )
+    add_sun(spec, (center[0], center[1], 0.0))
+    add_sky(spec)
     _add_grid(spec, GROUND, (0.76, 0.74, 0.69), (0.70, 0.68, 0.63), (0.56, 0.54, 0.49))
     _add_grid(spec, FLOOR, (0.70, 0.73, 0.75), (0.63, 0.66, 0.68), (0.54, 0.57, 0.59))
     for material, rgba in (
