@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion import rotations as rot
-from mjmotion.clips.frames import UP, Upright, calibrate, frame_of, speed_of
+from mjmotion.clips.frames import UP, calibrate, frame_of, speed_of
 from mjmotion.clips.rig import SIDES
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ Array = rot.Array
 
 _STILL = 0.2  # [m/s] a point that stands is slower
 _MOVING = 0.4  # [m/s] a point that stood and is faster has left the ground
+_NEAR_FLAT = np.radians(10)  # pitch of a foot that may well be flat
 _LEVEL = np.radians(15)  # a still foot steeper than this stands on a rung or an edge
 _REACH = 0.9985  # of the leg's length: a knee is never straighter than 6 degrees
 _HEEL_DOWN = 0.04  # [m] a heel that is no higher, before flat stance, has struck
@@ -54,7 +55,13 @@ class Foot:
 
     @classmethod
     def recorded(
-        cls, ankle: Array, ball: Array, joint: Array, normal: Array, source: Upright, rest: Array
+        cls,
+        ankle: Array,
+        ball: Array,
+        joint: Array,
+        normal: Array,
+        rest_pitch: float | None,
+        fps: float,
     ) -> Foot:
         """Return the foot as recorded, its sole calibrated to be level in flat stance.
 
@@ -63,25 +70,25 @@ class Foot:
           ball: (nframe, 3) positions of the ball of the foot or the toe [m].
           joint: (nframe, 3, 3) rotations of the clip's ankle joint.
           normal: (nframe, 3) axis of the knee.
-          source: the clip.
-          rest: (3,) ankle to toe in the rest pose.
+          rest_pitch: how far the line from ankle to ball points down at rest [rad], if known.
+          fps: frames a second.
         """
-        fps = source.clip.fps
         up = np.broadcast_to(UP, ankle.shape)
-        flat = frame_of(up, rot.cross(up, ball - ankle))
+        line = ball - ankle
+        pitch = np.arctan2(-line[:, 2], np.hypot(line[:, 0], line[:, 1]))
         still = (speed_of(ankle, fps) < _STILL) & (speed_of(ball, fps) < _STILL)
-        constant = None
-        if source.facing is not None:
-            constant = source.turn.T @ frame_of(UP, rot.cross(UP, rest))
-        if still.sum() >= 5:
-            constant = calibrate(joint, flat, still.astype(float))
-            # A still foot may stand on its toes: keep the frames near the common pose only.
-            for _ in range(3):
-                tilt = np.arccos(np.clip((joint @ constant)[:, 2, 2], -1, 1))
-                weight = still * np.exp(-((tilt / np.radians(8)) ** 2))
-                constant = calibrate(joint, flat, weight + 1e-9)
-        elif constant is None:
-            constant = calibrate(joint, flat)
+        if not still.any():
+            still = np.ones(len(ankle), dtype=bool)
+        # A still foot may stand on its toes: the rest pose tells which pitch is flat, roughly.
+        flat = rest_pitch if rest_pitch is not None else float(np.percentile(pitch[still], 15))
+        near = still & (np.abs(pitch - flat) < _NEAR_FLAT)
+        if near.sum() >= 5:
+            flat = float(np.median(pitch[near]))
+        half = (pitch - flat) / 2
+        zero = np.zeros_like(half)
+        tilt = rot.to_matrix(np.stack([np.cos(half), zero, np.sin(half), zero], axis=-1))
+        weight = still * (np.exp(-(((pitch - flat) / _NEAR_FLAT) ** 2)) + 1e-3)
+        constant = calibrate(joint, frame_of(up, rot.cross(up, line)) @ tilt, weight)
         return cls(ankle, ball, rot.from_matrix(joint @ constant), normal)
 
     def moved(self, turn: Array, start: Array) -> Foot:
@@ -149,13 +156,12 @@ def find_stances(foot: Foot, sole: float, fps: float) -> list[Stance]:
         else:
             height = float(np.median(foot.ankle[still, 2])) - sole
             stances.append(Stance(start, end, still, False, height))
-    level = [s for s in stances if s.level]
-    if level:
-        # Where only the toes stand, the ball tells the ground, as high over it as when flat.
-        over = np.median([np.median(foot.ball[s.flat, 2]) - s.height for s in level])
-        for start, end in on_toes:
-            height = float(np.median(foot.ball[start:end, 2]) - over)
-            stances.append(Stance(start, end, np.zeros(0, dtype=np.int64), True, height))
+    # Where only the toes stand, the ball tells the ground: it is as high over it as when flat.
+    local = rot.rotate(rot.conjugate(foot.quat), foot.ball - foot.ankle)
+    over = sole + float(np.median(local[:, 2]))
+    for start, end in on_toes:
+        height = float(np.median(foot.ball[start:end, 2])) - over
+        stances.append(Stance(start, end, np.zeros(0, dtype=np.int64), True, height))
     return sorted(stances, key=lambda stance: stance.start)
 
 
@@ -208,10 +214,10 @@ def _ground(
     ground was uneven: the plane is then level, at the lowest stance.
     """
     rows = [
-        (*foot.ankle[s.flat, :2].mean(axis=0), s.height)
+        (*foot.ball[s.start : s.end, :2].mean(axis=0), s.height)
         for foot, group in zip(feet, stances, strict=True)
         for s in group
-        if s.level and len(s.flat)
+        if s.level
     ]
     if not rows:
         lowest = min(float(foot.ankle[:, 2].min()) for foot in feet)

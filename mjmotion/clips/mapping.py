@@ -174,7 +174,11 @@ def _trunk(source: Upright, figure: Figure) -> dict[str, Array]:
         rest_lean = rot.normalized(rest_high - source.rest[chain[0]])
         # What the trunk's line looks like at rest is what standing upright looks like.
         upright = frame_of(rest_lean, source.facing[:, 1]).T @ source.facing
-        body["torso"] = frame_of(lean, straight[..., 1]) @ upright
+        line = frame_of(lean, straight[..., 1]) @ upright
+        # Half from where the spine goes, half from how the chest is turned: skeletons differ in
+        # how much of the trunk lies between their joints.
+        torso = _half_way(rot.from_matrix(line), rot.from_matrix(straight))
+        body["torso"] = rot.to_matrix(torso)
         head_stand = stand
     else:
         rough = frame_of(lean, hips)
@@ -260,15 +264,19 @@ def _foot(source: Upright, side: str) -> Foot:
     normal = _hinge_axis(thigh, shank, source.turned(f"{side}_hip"), across)
     joint = source.turned(f"{side}_ankle")
     role = f"{side}_toe"
+    rest_pitch = None
     if source.has(role):
-        toe = source.at(role)
-        rest_line = source.rest_at(role) - source.rest_at(f"{side}_ankle")
+        ball = source.at(role)
+        line = source.rest_at(role) - source.rest_at(f"{side}_ankle")
     else:
         name = source.rig.joints[f"{side}_ankle"]
-        end = source.turn.T @ (source.turn @ source.clip.ends.get(name, np.zeros(3)))
-        toe = ankle + joint @ end * source.scale
-        rest_line = source.turn @ end
-    return Foot.recorded(ankle, toe, joint, normal, source, rest_line)
+        end = source.clip.ends.get(name, source.turn.T @ (0.15, 0.0, -0.05)) * source.scale
+        ball, line = ankle + joint @ end, source.turn @ end
+    if source.facing is not None and np.linalg.norm(line) > 0.02:
+        # Against the shank, not the vertical: rest poses stand with their legs apart.
+        leg = rot.normalized(source.rest_at(f"{side}_ankle") - source.rest_at(f"{side}_knee"))
+        rest_pitch = float(np.arcsin(np.clip(rot.normalized(line) @ leg, -1, 1)))
+    return Foot.recorded(ankle, ball, joint, normal, rest_pitch, source.clip.fps)
 
 
 def _arm(source: Upright, side: str, body: dict[str, Array]) -> None:
