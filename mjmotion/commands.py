@@ -6,10 +6,8 @@ Results go to stdout, progress and warnings to stderr.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import math
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,21 +31,28 @@ def warn(line: str) -> None:
     sys.stderr.write(f"mjmotion: {line}\n")
 
 
-@contextlib.contextmanager
-def progress_bar(text: str) -> Iterator[Callable[[int, int], None]]:
-    """Give a function of (done, total) that draws a bar on stderr once a second has passed.
+class _Bar:
+    """A progress bar on stderr; it appears after a second, and never where that is no terminal."""
 
-    Where stderr is not a terminal nothing is drawn.
-    """
-    from tqdm import tqdm
+    def __init__(self, text: str) -> None:
+        from tqdm import tqdm
 
-    with tqdm(desc=text, leave=False, delay=1.0, disable=None, file=sys.stderr) as bar:
+        self._bar = tqdm(desc=text, leave=False, delay=1.0, disable=None, file=sys.stderr)
 
-        def tick(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
+    def __call__(self, done: int, total: int) -> None:
+        """Show how much is done."""
+        self._bar.total = total
+        self._bar.update(done - self._bar.n)
 
-        yield tick
+    def stage(self, text: str) -> None:
+        """Show what is being done."""
+        self._bar.set_description(text)
+
+    def __enter__(self) -> _Bar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.close()
 
 
 def info(args: argparse.Namespace) -> int:
@@ -109,7 +114,7 @@ def adapt(args: argparse.Namespace) -> int:
     wishes = load_constraints(args.constraints, model, clip.nframe) if args.constraints else ()
 
     with result_folder(args.out, args.force) as folder:
-        with progress_bar("fitting") as tick:
+        with _Bar("reading the scene") as bar:
             adaptation = run(
                 clip,
                 scene,
@@ -119,12 +124,12 @@ def adapt(args: argparse.Namespace) -> int:
                 levels=args.levels,
                 tolerance=args.tolerance / 1000.0,
                 ik=args.ik,
-                progress=tick,
+                progress=bar.stage,
             )
         validation = validate(
             adaptation.source, adaptation.motion, adaptation.contacts, thresholds=thresholds
         )
-        with progress_bar("rendering") as tick:
+        with _Bar("rendering") as tick:
             write_results(folder, adaptation, validation, video=not args.no_video, progress=tick)
     say(f"{args.clip} on {args.scene}: {clip.nframe} frames at {clip.fps:g} fps", "")
     say(*_level_lines(adaptation.trace), "", *_figure_lines(validation), "")
@@ -147,7 +152,7 @@ def validate(args: argparse.Namespace) -> int:
     thresholds = read_thresholds(args.threshold)
     results = read_results(args.folder)
     validation = run(results.source, results.motion, results.contacts, thresholds=thresholds)
-    with progress_bar("reporting") as tick:
+    with _Bar("reporting") as tick:
         write_report(results, validation, progress=tick)
     say(*_figure_lines(validation), "")
     broken = _tell_broken(validation)
@@ -175,7 +180,7 @@ def render(args: argparse.Namespace) -> int:
         check_file(out, args.force)
         motion = Motion.load(args.path, load_model(args.model))
     width, height = args.size
-    with progress_bar("rendering") as tick:
+    with _Bar("rendering") as tick:
         path = render_video(
             out,
             motion,
