@@ -149,15 +149,15 @@ def swing_clearances(
     body = ground.model.geom_bodyid[character.geoms]
     spacing = sample_spacing(ground)
     points, owners, frames = [], [], []
-    for number, swing in enumerate(swings):
-        for i in np.flatnonzero(body == swing.foot).tolist():
-            span = slice(swing.first, swing.last)
-            xyz, frame = sole_points(
-                character, i, poses.geom[span, i], poses.turn[span, i], spacing
-            )
+    for foot in sorted({swing.foot for swing in swings}):
+        mine = [(number, swing) for number, swing in enumerate(swings) if swing.foot == foot]
+        span = np.concatenate([np.arange(swing.first, swing.last) for _, swing in mine])
+        which = np.concatenate([np.full(s.last - s.first, number) for number, s in mine])
+        for i in np.flatnonzero(body == foot).tolist():
+            xyz, row = sole_points(character, i, poses.geom[span, i], poses.turn[span, i], spacing)
             points.append(xyz)
-            owners.append(np.full(len(xyz), number))
-            frames.append(frame + swing.first)
+            owners.append(which[row])
+            frames.append(span[row])
     result = [(np.inf, swing.first) for swing in swings]
     if not points:
         return result
@@ -188,16 +188,19 @@ def source_clearances(
     lowest = lowest_points(character, poses.geom, poses.turn)
     body = model.geom_bodyid[character.geoms]
     every = np.arange(len(lowest))
-    result = []
-    for swing in swings:
+    levels = {}
+    for foot in {swing.foot for swing in swings}:
         stood = []
         for contact in contacts:
             site = model.site(contact.site).id
-            if model.site_bodyid[site] == swing.foot:
+            if model.site_bodyid[site] == foot:
                 height = float(poses.site[contact.start : contact.end, site, 2].mean())
                 stood += [(contact.start, height), (contact.end - 1, height)]
         stood.sort()
-        level = np.interp(every, [s[0] for s in stood], [s[1] for s in stood])
+        levels[foot] = np.interp(every, [s[0] for s in stood], [s[1] for s in stood])
+    result = []
+    for swing in swings:
+        level = levels[swing.foot]
         mine = body == swing.foot
         if not mine.any():
             result.append((np.inf, swing.first))

@@ -53,7 +53,8 @@ class Character:
         if (i, spacing) in self._skins:
             return self._skins[i, spacing]
         model, geom = self.model, int(self.geoms[i])
-        whole = skin(self.solids[i], spacing)
+        # A rough field is deepest in a sole where its ridges cross the sole's outline.
+        whole = skin(self.solids[i], spacing, spacing / 3 if self.foot[i] else None)
         hidden = np.zeros(len(whole.point), dtype=bool)
         turn, back = np.empty(9), np.empty(9)
         mujoco.mju_quat2Mat(turn, model.geom_quat[geom])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -17,6 +18,7 @@ Array = NDArray[np.float64]
 _Geom = mujoco.mjtGeom
 _ROUND = (_Geom.mjGEOM_SPHERE, _Geom.mjGEOM_ELLIPSOID)
 _TINY = 1e-12
+_ROUNDING = 1e-5  # of a geom's size: how far off its face a corner may be
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -27,22 +29,25 @@ class Solid:
       kind: the geom's ``mjtGeom``.
       size: (3,) semi-axes of an ellipsoid or sphere, or radius and half length of a rod [m].
       vertex: (nvertex, 3) corners of a box or of a mesh's convex hull [m]; none for round geoms.
-      plane: (nplane, 4) outward normal and offset of each face of a box or hull.
       face: (nface, 3, 3) triangles of a box or hull [m].
     """
 
     kind: int
     size: Array
     vertex: Array
-    plane: Array
     face: Array
+
+    @cached_property
+    def plane(self) -> Array:
+        """(nplane, 4) outward normal and offset of each face of a box or hull."""
+        return _planes(self.face, self.vertex.mean(axis=0))
 
 
 def solid_of(model: mujoco.MjModel, geom: int) -> Solid:
     """Return the shape of a geom; a mesh is taken as its convex hull, as MuJoCo collides it."""
     kind = int(model.geom_type[geom])
     size = np.array(model.geom_size[geom], dtype=np.float64)
-    none = np.empty((0, 3)), np.empty((0, 4)), np.empty((0, 3, 3))
+    none = np.empty((0, 3)), np.empty((0, 3, 3))
     if kind == _Geom.mjGEOM_SPHERE:
         size = np.full(3, size[0])
     if kind in (*_ROUND, _Geom.mjGEOM_CAPSULE, _Geom.mjGEOM_CYLINDER):
@@ -54,8 +59,7 @@ def solid_of(model: mujoco.MjModel, geom: int) -> Solid:
         face = np.array([[q[0], q[i], q[i + 1]] for q in quads for i in (1, 2)])
     else:
         points, face = _hull(model, int(model.geom_dataid[geom]))
-    triangle = points[face]
-    return Solid(kind, size, points, _planes(triangle, points.mean(axis=0)), triangle)
+    return Solid(kind, size, points, points[face])
 
 
 def mesh_arrays(model: mujoco.MjModel, mesh: int) -> tuple[Array, NDArray[np.int64]]:
@@ -96,7 +100,7 @@ def vertical_extent(solid: Solid, position: Array, matrix: Array, xy: Array) -> 
     origin = np.einsum("...ji,...j->...i", matrix, flat)
     direction = np.broadcast_to(matrix[..., 2, :], origin.shape)
     with np.errstate(invalid="ignore", divide="ignore"):
-        if len(solid.plane):
+        if len(solid.vertex):
             return _clip(origin, direction, solid.plane)
         if solid.kind in _ROUND:
             return _quadratic(origin / solid.size, direction / solid.size, 1.0)
@@ -157,20 +161,27 @@ class Skin:
         return Skin(self.point[chosen], self.normal, self.member[:, chosen])
 
 
-def skin(solid: Solid, spacing: float) -> Skin:
-    """Return points on a geom's surface at most about ``spacing`` [m] apart.
+def skin(solid: Solid, spacing: float, edge_spacing: float | None = None) -> Skin:
+    """Return points on a geom's surface.
 
-    Corners are among them, where they are no closer than half of the spacing to one another.
+    Args:
+      solid: the geom.
+      spacing: how far apart the points are at most, about [m].
+      edge_spacing: the same along sharp edges, ``spacing`` if not given. Corners are among
+        the points, where they are no closer than half of it to one another.
     """
     if len(solid.vertex):
-        point = np.concatenate((solid.vertex, _on_edges(solid, spacing), _on_faces(solid, spacing)))
+        along = edge_spacing or spacing
+        point = np.concatenate(
+            (solid.vertex, _on_edges(solid, spacing, along), _on_faces(solid, spacing))
+        )
         # A finely cut mesh has more corners than are of use; of a crowd, a corner comes first.
-        cell = np.round(point / (spacing / 2)).astype(np.int64)
+        cell = np.round(point / (along / 2)).astype(np.int64)
         _, first = np.unique(cell @ np.array([1, 1 << 20, 1 << 40]), return_index=True)
         point = point[np.sort(first)]
         size = np.ptp(solid.vertex, axis=0).max()
         away = solid.plane[:, 3, None] - solid.plane[:, :3] @ point.T
-        return Skin(point, solid.plane[:, :3], (away < 1e-6 * size).astype(np.float32))
+        return Skin(point, solid.plane[:, :3], (away < _ROUNDING * size).astype(np.float32))
     if solid.kind in _ROUND:
         ball = _ball(max(6, int(np.ceil(np.pi * solid.size.max() / spacing))))
         normal = ball / solid.size
@@ -198,7 +209,7 @@ def skin(solid: Solid, spacing: float) -> Skin:
 
 def within(solid: Solid, points: Array, margin: float = 1e-6) -> NDArray[np.bool_]:
     """Return which points (n, 3) in the geom's frame are at least ``margin`` [m] inside it."""
-    if len(solid.plane):
+    if len(solid.vertex):
         room = solid.plane[:, 3] - points @ solid.plane[:, :3].T
         return np.asarray((room > margin).all(axis=1))
     if solid.kind in _ROUND:
@@ -232,14 +243,23 @@ def _hull(model: mujoco.MjModel, mesh: int) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _planes(triangle: Array, centre: Array) -> Array:
-    """Return (n, 4) outward normals and offsets of faces; those of one plane are merged."""
+    """Return (n, 4) outward normals and offsets of faces; triangles of one face are merged."""
     normal = np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
     area = np.linalg.norm(normal, axis=1)
-    normal, corner = normal[area > 0] / area[area > 0, None], triangle[area > 0, 0]
-    normal *= np.where(np.einsum("ni,ni->n", normal, corner - centre) < 0, -1.0, 1.0)[:, None]
-    plane = np.concatenate((normal, np.einsum("ni,ni->n", normal, corner)[:, None]), axis=1)
-    _, keep = np.unique(np.round(plane, 7), axis=0, return_index=True)
-    return np.asarray(plane[keep])
+    largest_first = np.argsort(-area, kind="stable")
+    largest_first = largest_first[area[largest_first] > 0]
+    triangle = triangle[largest_first]
+    normal = normal[largest_first] / area[largest_first, None]
+    offset = np.einsum("ni,ni->n", normal, triangle[:, 0])
+    outward = np.where(normal @ centre > offset, -1.0, 1.0)
+    normal, offset = normal * outward[:, None], offset * outward
+    # Vertices are single precision, so the triangles of a flat face are not quite in one plane.
+    size = np.ptp(triangle.reshape(-1, 3), axis=0).max()
+    same = normal @ normal.T > 0.99
+    for corner in range(3):
+        same &= np.abs(normal @ triangle[:, corner].T - offset[:, None]) < _ROUNDING * size
+    keep = same.argmax(axis=0) == np.arange(len(same))
+    return np.concatenate((normal, offset[:, None]), axis=1)[keep]
 
 
 def _clip(origin: Array, direction: Array, plane: Array) -> tuple[Array, Array]:
@@ -266,27 +286,31 @@ def _quadratic(origin: Array, direction: Array, radius: float) -> tuple[Array, A
     return np.where(parallel, -inside, low), np.where(parallel, inside, high)
 
 
-def _on_edges(solid: Solid, spacing: float) -> Array:
-    """Return points along the edges of a box or hull, without its corners."""
+def _on_edges(solid: Solid, spacing: float, sharp_spacing: float) -> Array:
+    """Return points along the edges of a box or hull, without its corners.
+
+    Edges where two faces meet at more than 30 degrees have their own spacing.
+    """
     start = solid.face.reshape(-1, 3)
     end = np.roll(solid.face, -1, axis=1).reshape(-1, 3)
+    ahead = end - start  # every edge comes twice, once each way: keep one
+    sign = ahead @ np.array([1.0, 1e-4, 1e-8])
+    start, ahead = start[sign > 0], ahead[sign > 0]
     size = np.ptp(solid.vertex, axis=0).max()
-    on = [
-        np.abs(solid.plane[:, 3] - corner @ solid.plane[:, :3].T) < 1e-6 * size
-        for corner in (start, end)
-    ]
-    # An edge of a triangle is one of the solid where two planes meet along it; each comes twice.
-    real = (on[0] & on[1]).sum(axis=1) >= 2
-    real &= (start[:, 0] < end[:, 0]) | (
-        (start[:, 0] == end[:, 0])
-        & ((start[:, 1] < end[:, 1]) | ((start[:, 1] == end[:, 1]) & (start[:, 2] < end[:, 2])))
-    )
-    start, end = start[real], end[real]
-    count = np.ceil(np.linalg.norm(end - start, axis=1) / spacing).astype(np.int64)
-    which = np.repeat(np.arange(len(count)), count - 1)
-    step = np.arange(len(which)) - np.repeat(np.cumsum(count - 1) - (count - 1), count - 1) + 1
-    part = (step / count[which])[:, None]
-    return np.asarray(start[which] + part * (end[which] - start[which]))
+    normal, offset = solid.plane[:, :3], solid.plane[:, 3]
+    on = np.abs(offset - start @ normal.T) < _ROUNDING * size
+    on &= np.abs(offset - (start + ahead) @ normal.T) < _ROUNDING * size
+    faces = on.sum(axis=1)
+    real = faces >= 2  # the others cut a flat face in two
+    start, ahead, on, faces = start[real], ahead[real], on[real], faces[real]
+    # The mean of two unit normals is as long as the cosine of half their angle.
+    sharp = np.linalg.norm(on @ normal, axis=1) / faces < np.cos(np.radians(15.0))
+    steps = np.linalg.norm(ahead, axis=1) / np.where(sharp, sharp_spacing, spacing)
+    between = np.ceil(steps).astype(np.int64) - 1
+    which = np.repeat(np.arange(len(between)), between)
+    step = np.arange(len(which)) - np.repeat(np.cumsum(between) - between, between) + 1
+    part = (step / (between[which] + 1))[:, None]
+    return np.asarray(start[which] + part * ahead[which])
 
 
 def _on_faces(solid: Solid, spacing: float) -> Array:
@@ -298,7 +322,7 @@ def _on_faces(solid: Solid, spacing: float) -> Array:
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     frame = np.stack((first, np.cross(normal, first)), axis=2)  # (nplane, 3, 2)
     flat = np.einsum("vi,kij->kvj", solid.vertex, frame)
-    mine = np.abs(offset[:, None] - normal @ solid.vertex.T) < 1e-6 * size
+    mine = np.abs(offset[:, None] - normal @ solid.vertex.T) < _ROUNDING * size
     low = np.where(mine[..., None], flat, np.inf).min(axis=1)
     extent = np.where(mine[..., None], flat, -np.inf).max(axis=1) - low
     points = [np.empty((0, 3))]
@@ -308,7 +332,7 @@ def _on_faces(solid: Solid, spacing: float) -> Array:
         grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
         place = grid @ frame[k].T + offset[k] * normal[k]
         room = offset - place @ normal.T
-        points.append(place[(room > -1e-6 * size).all(axis=1)])
+        points.append(place[(room > -_ROUNDING * size).all(axis=1)])
     return np.concatenate(points)
 
 
