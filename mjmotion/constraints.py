@@ -190,6 +190,16 @@ class Targets:
         return Targets(sites=self.sites, **values)
 
 
+    def columns(self, sites: NDArray[np.bool_]) -> Targets:
+        """Return the targets of some of the sites."""
+        values = {
+            field.name: getattr(self, field.name)[:, sites]
+            for field in dataclasses.fields(self)
+            if field.name not in ("sites", "frames")
+        }
+        return Targets(frames=self.frames, sites=self.sites[sites], **values)
+
+
 def lay_out(
     constraints: Sequence[SiteConstraint], model: mujoco.MjModel, nframe: int
 ) -> Targets:

@@ -82,6 +82,7 @@ class Pose:
       site_xmat: (n, nsite, 3, 3) site orientations.
       xanchor: (n, njnt, 3) joint anchors [m].
       xaxis: (n, njnt, 3) joint axes.
+      geom_xpos, geom_xmat: (n, ngeom, 3) [m] and (n, ngeom, 3, 3), if asked for.
     """
 
     model: mujoco.MjModel
@@ -92,6 +93,8 @@ class Pose:
     site_xmat: Array
     xanchor: Array
     xaxis: Array
+    geom_xpos: Array | None = None
+    geom_xmat: Array | None = None
 
     @cached_property
     def dof_axis(self) -> Array:
@@ -153,8 +156,8 @@ class Pose:
           normals: (m, 3) directions along which motion is measured.
         """
         model = self.model
-        moves = np.stack([body_dofs(model, int(b)) for b in np.unique(bodies)])
-        moves = moves[np.searchsorted(np.unique(bodies), bodies)]
+        kinds, which = np.unique(bodies, return_inverse=True)
+        moves = np.array([body_dofs(model, int(body)) for body in kinds]).reshape(-1, model.nv)[which]
         axis = self.dof_axis[frames]
         arm = points[:, None, :] - self.xanchor[frames][:, model.dof_jntid]
         along = np.where(self._turning[:, None], cross(axis, arm), axis)
@@ -180,7 +183,7 @@ class Kinematics:
 
     _FIELDS = ("xpos", "xquat", "xmat", "site_xpos", "site_xmat", "xanchor", "xaxis")
 
-    def __init__(self, model: mujoco.MjModel, nframe: int) -> None:
+    def __init__(self, model: mujoco.MjModel, nframe: int, *, geoms: bool = False) -> None:
         self.model = model
         self.nframe = nframe
         bare = copy.copy(model)
@@ -190,7 +193,8 @@ class Kinematics:
         )
         self._batch = Batch(bare, nframe)
         self._qpos = self._batch.bind("qpos")
-        self._bound = {name: self._batch.bind(name) for name in self._FIELDS}
+        names = self._FIELDS + (("geom_xpos", "geom_xmat") if geoms else ())
+        self._bound = {name: self._batch.bind(name) for name in names}
 
     def forward(self, qpos: Array, frames: NDArray[np.int64] | None = None) -> Pose:
         """Return where everything is.
@@ -203,16 +207,10 @@ class Kinematics:
         self._qpos[rows] = qpos
         self._batch.forward(ids=frames, stage=mujoco.mjtStage.mjSTAGE_POS.value)
         field = {name: bound[rows].copy() for name, bound in self._bound.items()}
-        for name in ("xmat", "site_xmat"):
-            field[name] = field[name].reshape(*field[name].shape[:2], 3, 3)
+        for name in ("xmat", "site_xmat", "geom_xmat"):
+            if name in field:
+                field[name] = field[name].reshape(*field[name].shape[:2], 3, 3)
         return Pose(self.model, **field)
-
-    def geoms(self, qpos: Array) -> tuple[Array, Array]:
-        """Return geom positions (nframe, ngeom, 3) [m] and orientations (nframe, ngeom, 3, 3)."""
-        position, matrix = self._batch.bind("geom_xpos"), self._batch.bind("geom_xmat")
-        self._qpos[:] = qpos
-        self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_POS.value)
-        return position.copy(), matrix.reshape(self.nframe, -1, 3, 3).copy()
 
 
 class RayCaster:

@@ -10,8 +10,8 @@ swivel a limb: 8 numbers for a walk instead of 20. Each solve is one Gauss–New
    further from their ankles than the limb reaches;
 3. the displacement is ``d0 + T z``.
 
-Frames that break an inequality need every joint, not only these; they are few, and go to the
-numeric solver.
+Frames that break an inequality, or hold a site that is on no limb's end, need every joint and not
+only these; they are few, and go to the numeric solver.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.constraints import Targets
-from mjmotion.exceptions import FitError
 from mjmotion.ik.limb import Limb, Limbs, LimbState, body_pose, find_limbs
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import Clearance, Solution, default_weights
@@ -47,7 +46,7 @@ class HybridIK:
         self.weights = default_weights(model) if weights is None else np.asarray(weights)
         self._numeric = NumericIK(model, self.weights)
         self._ends = {limb.end: limb for limb in find_limbs(model)}
-        self._plan: tuple[bytes, Limbs] | None = None
+        self._plan: tuple[bytes, Limbs | None, NDArray[np.bool_]] | None = None
 
     def solve(
         self, qpos: Array, targets: Targets, inequalities: Clearance | None = None
@@ -55,10 +54,10 @@ class HybridIK:
         """Return the least displacements towards ``targets``; see :class:`IKSolver`."""
         displacement = np.zeros((len(qpos), self.model.nv))
         error = np.zeros(len(qpos))
-        if len(targets.sites):
-            limbs = self._limbs(targets)
+        limbs, closable, other = self._split(targets)
+        if limbs is not None:
             state = limbs.state(qpos)
-            goal, end, error = self._goals(limbs, state, targets)
+            goal, end, error = self._goals(limbs, state, closable)
             d0 = limbs.close(state, goal, end)
             base, follow = self._follow(qpos, limbs, state)
             z = self._body_step(limbs, base, follow, d0, goal)
@@ -66,42 +65,50 @@ class HybridIK:
             displacement[:, base.dofs] = z[:, 0, :-1, 0]
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
         if inequalities is not None:
-            broken = np.unique(inequalities(qpos, targets.frames).frame)
-            if len(broken):
-                few = self._numeric.solve(qpos[broken], targets.at(broken), inequalities)
-                displacement[broken] = few.displacement
+            other = other.copy()
+            other[inequalities(qpos, targets.frames).frame] = True
+        rows = np.flatnonzero(other)
+        if len(rows):
+            few = self._numeric.solve(qpos[rows], targets.at(rows), inequalities)
+            displacement[rows], error[rows] = few.displacement, few.error
         return Solution(displacement, error)
 
     def enforce(self, qpos: Array, targets: Targets) -> Solution:
         """Close every held limb where the body is (§4.4): the body stays as fitted."""
-        limbs = self._limbs(targets)
-        state = limbs.state(qpos)
-        goal, end, error = self._goals(limbs, state, targets)
         displacement = np.zeros((len(qpos), self.model.nv))
-        step = limbs.close(state, goal, end)
-        displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
+        error = np.zeros(len(qpos))
+        limbs, closable, other = self._split(targets)
+        if limbs is not None:
+            state = limbs.state(qpos)
+            goal, end, error = self._goals(limbs, state, closable)
+            step = limbs.close(state, goal, end)
+            displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
+        rows = np.flatnonzero(other)
+        if len(rows):
+            few = self._numeric.enforce(qpos[rows], targets.at(rows))
+            displacement[rows], error[rows] = few.displacement, few.error
         return Solution(displacement, error)
 
-    def _limbs(self, targets: Targets) -> Limbs:
+    def _split(self, targets: Targets) -> tuple[Limbs | None, Targets, NDArray[np.bool_]]:
+        """The limbs to close, their targets, and which frames (n,) hold something else besides.
+
+        A site is closable when it is on a limb's end and no site before it is on the same end.
+        """
         key = targets.sites.tobytes()
         if self._plan is None or self._plan[0] != key:
             limbs: list[Limb] = []
-            for site in targets.sites:
+            closable = np.zeros(len(targets.sites), dtype=bool)
+            for column, site in enumerate(targets.sites):
                 limb = self._ends.get(int(self.model.site_bodyid[site]))
-                name = self.model.site(site).name
-                if limb is None:
-                    raise FitError(
-                        f"site '{name}' is not on a hand or foot at the end of a ball-hinge-ball"
-                        " limb, which hybrid IK needs: use ik='numeric'"
-                    )
-                if limb in limbs:
-                    raise FitError(
-                        f"two constrained sites, one of them '{name}', are on the same limb, which"
-                        " hybrid IK cannot hold apart: use ik='numeric'"
-                    )
-                limbs.append(limb)
-            self._plan = (key, Limbs(self.model, limbs))
-        return self._plan[1]
+                if limb is not None and limb not in limbs:
+                    limbs.append(limb)
+                    closable[column] = True
+            self._plan = (key, Limbs(self.model, limbs) if limbs else None, closable)
+        _, found, closable = self._plan
+        if closable.all():
+            return found, targets, np.zeros(len(targets.frames), dtype=bool)
+        weight = np.maximum(targets.position_weight, targets.turn_weight)
+        return found, targets.columns(closable), (weight[:, ~closable] > 0.0).any(axis=1)
 
     def _goals(
         self, limbs: Limbs, state: LimbState, targets: Targets

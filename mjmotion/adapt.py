@@ -1,0 +1,299 @@
+"""Adapting a walk to a scene: contacts, footholds, clearances, fit.
+
+    scene = load_scene("terrain_doors")
+    result = adapt(load_clip("walk"), scene)
+    result.motion, result.source, result.contacts, result.trace
+
+The scene tells everything: footholds come from the ground under each stance foot, clearances from
+the solids near the way. Constraints of the user's own are added to those.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.assets import find_asset
+from mjmotion.clearance import MARGIN, ObstacleClearance, Obstacles, find_obstacles
+from mjmotion.constraints import SiteConstraint
+from mjmotion.contacts import Contact, check_contacts, detect_contacts
+from mjmotion.exceptions import ContactError, SceneError, frame_list
+from mjmotion.fit import Fit, Trace, Unmet, default_levels, fit
+from mjmotion.footholds import Foothold, find_feet, find_footholds, find_stances
+from mjmotion.footpaths import FootPath, foot_path
+from mjmotion.ik.limb import Limbs, find_limbs
+from mjmotion.kinematics import Kinematics, Pose
+from mjmotion.motion import Motion
+from mjmotion.rotations import multiply, rotate, yaw_quat
+from mjmotion.scene import Scene, compose
+from mjmotion.scene.ground import Ground
+from mjmotion.smoothing import envelope
+from mjmotion.spline import fit_multilevel
+
+Array = NDArray[np.float64]
+
+DUCK_MARGIN = 0.05  # distance kept while the way through is found, more than in the end [m]
+REACH_FREE = 0.97  # share of a leg's length that a root path may always ask for
+REACH_MOST = 0.995  # the most it may ask for, where the source did
+DROP_TIME = 0.2  # scale of the root's fall and rise where a leg would not reach [s]
+STUCK = 0.02  # deeper than this in an obstacle after all, and the way is barred [m]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Adaptation:
+    """A walk adapted to a scene.
+
+    Attributes:
+      source: the clip on the composed model, on level ground, placed at the scene's start.
+      motion: the adapted motion, the same frames.
+      contacts: who stands when.
+      trace: what the fit did.
+      unmet: constraints that could not be met.
+      spec: character and scene in one.
+    """
+
+    source: Motion
+    motion: Motion
+    contacts: tuple[Contact, ...]
+    trace: Trace
+    unmet: tuple[Unmet, ...]
+    spec: mujoco.MjSpec
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Plan:
+    """What the scene asks of a walk, before anything is fitted.
+
+    Attributes:
+      source: the clip placed at the scene's start, on the character's model.
+      contacts: who stands when.
+      paths: where each foot goes.
+      footholds: what it stands on.
+      root_shift: (nframe, 3) the first guess of §4.5 [m].
+      obstacles: what to keep clear of.
+    """
+
+    source: Motion
+    contacts: tuple[Contact, ...]
+    paths: tuple[FootPath, ...]
+    footholds: tuple[Foothold, ...]
+    root_shift: Array
+    obstacles: Obstacles
+
+    def constraints(self) -> list[SiteConstraint]:
+        """Both feet posed at every frame."""
+        frames = np.arange(self.source.nframe)
+        return [
+            SiteConstraint(path.site, frames, path.position, path.quat, contact=True)
+            for path in self.paths
+        ]
+
+
+def place(clip: Motion, scene: Scene) -> Motion:
+    """Return the clip moved to the scene's start: its origin there, its +x along the start's."""
+    qpos = np.array(clip.qpos)
+    turn = yaw_quat(np.full(len(qpos), scene.start_yaw))
+    qpos[:, :3] = rotate(turn, qpos[:, :3]) + scene.start_pos
+    qpos[:, 3:7] = multiply(turn, qpos[:, 3:7])
+    return clip.replace(qpos)
+
+
+def plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = None) -> Plan:
+    """Find out what the scene asks of a walk.
+
+    Raises:
+      ContactError: the clip has no contacts, or the given ones do not fit it.
+      ModelError: the character has no feet.
+      SceneError: no ground under the walk.
+    """
+    source = place(clip, scene)
+    feet = find_feet(clip.model)
+    found = (
+        detect_contacts(source)
+        if contacts is None
+        else check_contacts(contacts, clip.model, clip.nframe)
+    )
+    if not found:
+        raise ContactError(
+            "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
+            " give them with a contacts file"
+        )
+    pose = Kinematics(source.model, source.nframe).forward(source.qpos)
+    stances = find_stances(source, pose, feet, found)
+    ground = Ground(scene)
+    footholds = find_footholds(stances, feet, ground, float(scene.start_pos[2]))
+    paths = tuple(
+        foot_path(foot, index, pose, stances, footholds, ground, source.fps)
+        for index, foot in enumerate(feet)
+    )
+    shift = root_shift(source, pose, paths)
+    obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
+    return Plan(source, found, paths, footholds, shift, obstacles)
+
+
+def root_shift(source: Motion, pose: Pose, paths: Sequence[FootPath]) -> Array:
+    """Return the first guess of §4.5 (nframe, 3) [m]: the mean shift of the feet's contacts.
+
+    Each foot's shift is blended through its swing, so the mean is smooth; it is fitted with the
+    coarse knots alone. Where a leg would then be longer than it is, the root goes down.
+    """
+    mean = np.mean([path.shift for path in paths], axis=0)
+    spacings = default_levels(source.fps)
+    shift = fit_multilevel(np.arange(source.nframe), mean, source.nframe, spacings[:-1])
+    shift[:, 2] -= _drop(source, pose, paths, shift)
+    return shift
+
+
+def _drop(source: Motion, pose: Pose, paths: Sequence[FootPath], shift: Array) -> Array:
+    """How far the root must go down for every foot to be within reach (nframe,) [m]."""
+    ends = {limb.end: limb for limb in find_limbs(source.model)}
+    need = np.full(source.nframe, -np.inf)
+    for path in paths:
+        site = source.model.site(path.site)
+        limb = ends.get(int(site.bodyid[0]))
+        if limb is None:
+            continue
+        limbs = Limbs(source.model, [limb])
+        hip = pose.xanchor[:, source.model.body_jntadr[limb.upper]]
+        ankle = pose.xanchor[:, source.model.body_jntadr[limb.end]]
+        was = np.linalg.norm(hip - ankle, axis=1)
+        reach = float(limbs.reach[0])
+        most = np.clip(was, REACH_FREE * reach, REACH_MOST * reach)
+        local = source.model.jnt_pos[source.model.body_jntadr[limb.end]] - site.pos
+        goal = path.position + rotate(path.quat, np.broadcast_to(local, path.position.shape))
+        apart = hip + shift - goal
+        flat = np.linalg.norm(apart[:, :2], axis=1)
+        allowed = np.sqrt(np.maximum(most**2 - flat**2, (0.5 * reach) ** 2))
+        need = np.maximum(need, apart[:, 2] - allowed)
+    free = np.zeros(source.nframe, dtype=bool)
+    return envelope(need, free, DROP_TIME * source.fps)
+
+
+def adapt(
+    clip: Motion,
+    scene: Scene,
+    *,
+    character: str | Path = "humanoid",
+    contacts: Sequence[Contact] | None = None,
+    constraints: Sequence[SiteConstraint] = (),
+    levels: Sequence[float] | None = None,
+    tolerance: float = 1e-4,
+    ik: str = "hybrid",
+    progress: Callable[[str], None] | None = None,
+) -> Adaptation:
+    """Adapt a walk to a scene.
+
+    Args:
+      clip: the walk, on the character's model, on level ground at z = 0.
+      scene: where it is to walk.
+      character: the character's MJCF, or the name of one of ours.
+      contacts: who stands when; found in the clip without.
+      constraints: more that must hold; where they name a foot, they override its foothold.
+      levels: frames a knot, coarse to fine.
+      tolerance: refinement stops once no constraint is off by more [m].
+      ik: ``"hybrid"`` or ``"numeric"``.
+      progress: called with the name of each stage as it begins.
+
+    Raises:
+      SceneError: no ground under the walk, or a doorway that cannot be passed.
+      ContactError, ConstraintError, ModelError, FitError: bad input.
+    """
+    say = progress or (lambda stage: None)
+    spec = compose(character, scene)
+    composed = spec.compile()
+    say("contacts and footholds")
+    what = plan(clip, scene, contacts)
+    wanted = [*what.constraints(), *constraints]
+    start: Motion = what.source
+    shift: Array | bool = what.root_shift
+    clearance = None
+    if what.obstacles.points:
+        say("clearances")
+        body = mujoco.MjSpec.from_file(str(find_asset("model", character)))
+        clearance = ObstacleClearance(body, what.obstacles, find_feet(clip.model), clip.nframe)
+        start, shift = _duck(what, wanted, clearance, levels, ik), False
+    say("fit")
+    result = fit(
+        start,
+        wanted,
+        levels=levels,
+        tolerance=tolerance,
+        ik=ik,
+        clearance=clearance,
+        first_guess=shift,
+    )
+    if clearance is not None:
+        _check_passage(clearance, result)
+    return Adaptation(
+        what.source.on(composed),
+        result.motion.on(composed),
+        what.contacts,
+        result.trace,
+        result.unmet,
+        spec,
+    )
+
+
+def _duck(
+    what: Plan,
+    wanted: Sequence[SiteConstraint],
+    clearance: ObstacleClearance,
+    levels: Sequence[float] | None,
+    ik: str,
+) -> Motion:
+    """Find the way past obstacles first, with knots so wide that it begins and ends in good time.
+
+    Only frames that come too near an obstacle take part, so the displacement spreads smoothly to
+    the frames around them, which full constraints at every frame would forbid.
+    """
+    qpos = np.array(what.source.qpos)
+    qpos[:, :3] += what.root_shift
+    motion = what.source.replace(qpos)
+    spacings = list(default_levels(motion.fps) if levels is None else levels)
+    clearance.margin = DUCK_MARGIN
+    for spacing in spacings[: max(1, len(spacings) - 2)]:
+        broken = np.unique(clearance(motion.qpos, np.arange(motion.nframe)).frame)
+        if len(broken) == 0:
+            break
+        here = [
+            dataclasses.replace(
+                constraint,
+                frames=constraint.frames[keep],
+                position=None if constraint.position is None else constraint.position[keep],
+                quat=None if constraint.quat is None else constraint.quat[keep],
+            )
+            for constraint in wanted
+            if (keep := np.isin(constraint.frames, broken)).any()
+        ]
+        motion = fit(
+            motion,
+            here,
+            levels=[spacing],
+            ik=ik,
+            clearance=clearance,
+            first_guess=False,
+            exact=False,
+        ).motion
+    clearance.margin = MARGIN
+    return motion
+
+
+def _check_passage(clearance: ObstacleClearance, result: Fit) -> None:
+    lacking = clearance(result.motion.qpos, np.arange(result.motion.nframe))
+    deep = lacking.needed - clearance.margin
+    if (deep > STUCK).any():
+        frames = np.unique(lacking.frame[deep > STUCK])
+        raise SceneError(
+            f"an obstacle bars the way: a body is {100 * deep.max():.0f} cm inside it after all at"
+            f" frames {frame_list(frames)}: a doorway is too low or too narrow, or stands off the"
+            " walk's path; widen or move it",
+            frames,
+        )
+
+
+__all__ = ["Adaptation", "Plan", "adapt", "place", "plan", "root_shift"]

@@ -1,0 +1,71 @@
+"""What one stands on: heights and normals of a scene's static surfaces, by rays from above.
+
+    ground = Ground(scene)
+    height, normal = ground.under(points)      # points (n, 3): look down from a little above each
+
+Only static geoms that collide are ground; pictures and moving bodies are not.
+"""
+
+from __future__ import annotations
+
+import copy
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.kinematics import RayCaster
+from mjmotion.scene.model import Scene
+
+Array = NDArray[np.float64]
+
+LOOK_FROM = 1.0  # how far above a point the look down begins, less than any doorway [m]
+STEEPEST = 0.35  # least upward part of a normal that can be stood on: about 70°
+
+
+class Ground:
+    """Static surfaces of one scene."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.model = solid_model(scene.model)
+        self._rays = RayCaster(self.model)
+
+    def under(self, points: Array) -> tuple[Array, Array]:
+        """Return the surface under points, seen from :data:`LOOK_FROM` above each.
+
+        Args:
+          points: (..., 3) world points near the ground [m].
+
+        Returns:
+          height (...) [m] and normal (..., 3); NaN and zero where there is nothing to stand on:
+          no surface at all, a wall, or the inside of a solid.
+        """
+        shape = points.shape[:-1]
+        origin = points.reshape(-1, 3) + (0.0, 0.0, LOOK_FROM)
+        distance, _, normal = self._rays.cast(origin, np.array((0.0, 0.0, -1.0)))
+        stands = (distance >= 0.0) & (normal[:, 2] > STEEPEST)
+        height = np.where(stands, origin[:, 2] - distance, np.nan)
+        normal = np.where(stands[:, None], normal, 0.0)
+        return height.reshape(shape), normal.reshape(*shape, 3)
+
+
+    def blocked(self, origins: Array, spans: Array, margin: float = 0.0) -> bool:
+        """Return whether any segment (n, 3) + (n, 3), made longer by ``margin``, hits a solid."""
+        length = np.linalg.norm(spans, axis=1)
+        direction = spans / np.maximum(length, 1e-9)[:, None]
+        distance, _, _ = self._rays.cast(origins, direction)
+        return bool(((distance >= 0.0) & (distance < length + margin)).any())
+
+
+def solid_model(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Return the model with everything but its static colliding geoms out of the rays' way.
+
+    Geoms keep their ids: the others are made transparent, which rays pass through.
+    """
+    solid = copy.copy(model)
+    moving = model.body_weldid[model.geom_bodyid] != 0
+    ghost = (model.geom_contype == 0) & (model.geom_conaffinity == 0)
+    hidden = moving | ghost
+    solid.geom_matid[:] = -1
+    solid.geom_rgba[:, 3] = np.where(hidden, 0.0, 1.0)
+    return solid

@@ -1,0 +1,101 @@
+"""Curves over frames that must pass through some values, or stay above them, and are else smooth.
+
+Both are least-squares problems with a banded matrix, so their cost is linear in frames.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_THIRD = np.array((-1.0, 3.0, -3.0, 1.0))  # third difference of four frames
+_ROUNDS = 40
+_ABOVE = 1e-4  # how far below a wanted height a curve may stay [m]
+
+
+def _jerk_band(nframe: int) -> Array:
+    """Lower band (4, nframe) of D3ᵀ D3, the energy of third differences."""
+    band = np.zeros((4, nframe))
+    for i in range(4):
+        for j in range(i + 1):
+            # entries (row offset i, column offset j) of every four-frame window
+            band[i - j, j : nframe - 3 + j] += _THIRD[i] * _THIRD[j]
+    return band
+
+
+def _solve(band: Array, right: Array, fixed: NDArray[np.bool_], values: Array) -> Array:
+    """Solve the banded system with some unknowns given."""
+    from scipy.linalg import solveh_banded
+
+    band, right = band.copy(), right.copy()
+    free = ~fixed
+    known = np.where(fixed[:, None], values, 0.0)
+    for offset in range(1, len(band)):
+        column = band[offset, : len(fixed) - offset, None]
+        right[offset:] -= column * known[:-offset]
+        right[:-offset] -= column * known[offset:]
+        band[offset, : len(fixed) - offset] *= free[offset:] * free[:-offset]
+    band[0, fixed] = 1.0
+    right[fixed] = values[fixed]
+    return np.asarray(solveh_banded(band, right, lower=True, check_finite=False))
+
+
+def fade(fixed: NDArray[np.bool_], values: Array, time: float) -> Array:
+    """Return the curves that are ``values`` at the fixed frames and else fade to zero smoothly.
+
+    They minimise ``time⁶ |Δ³ e|² + |e|²``: within about ``time`` frames of a fixed stretch they
+    leave it with its own slope and curvature.
+
+    Args:
+      fixed: (nframe,) where values are given.
+      values: (nframe, k); only those at fixed frames count.
+      time: how long the fading takes [frames].
+
+    Returns:
+      (nframe, k).
+    """
+    nframe = len(fixed)
+    if nframe < 5 or fixed.all() or not fixed.any():
+        return np.where(fixed[:, None], values, 0.0)
+    band = _jerk_band(nframe) * time**6
+    band[0] += 1.0
+    return _solve(band, np.zeros_like(values), fixed, values)
+
+
+def envelope(need: Array, fixed: NDArray[np.bool_], time: float) -> Array:
+    """Return a smooth curve that is zero at the fixed frames and nowhere below ``need``.
+
+    It minimises ``time⁶ |Δ³ l|² + |l|²`` over the curves that stay above; the active frames are
+    found by turns.
+
+    Args:
+      need: (nframe,) least values; -inf or anything negative where nothing is needed.
+      fixed: (nframe,) where the curve must be zero; ``need`` does not count there.
+      time: scale of its rise and fall [frames].
+
+    Returns:
+      (nframe,) the curve; zero everywhere when nothing is needed.
+    """
+    nframe = len(need)
+    need = np.where(fixed, 0.0, np.maximum(need, 0.0))
+    if nframe < 5 or not (need > 0.0).any():
+        return np.array(need)
+    base = _jerk_band(nframe) * time**6
+    base[0] += 1.0
+    active = np.zeros(nframe, dtype=bool)
+    curve = np.zeros(nframe)
+    stiffness = 1e3 * time**6
+    for _ in range(_ROUNDS):
+        below = ~fixed & (curve < need - _ABOVE)
+        if not below.any():
+            break
+        active |= below
+        band = base.copy()
+        band[0, active] += stiffness
+        right = np.where(active, stiffness * need, 0.0)[:, None]
+        curve = _solve(band, right, fixed, np.zeros((nframe, 1)))[:, 0]
+        # A frame that the curve passes well above no longer pulls it down.
+        active &= curve < need + _ABOVE
+    return np.maximum(curve, 0.0)
