@@ -28,7 +28,7 @@ Array = rot.Array
 _STILL = 0.2  # [m/s] a point that stands is slower
 _MOVING = 0.4  # [m/s] a point that stood and is faster has left the ground
 _NEAR_FLAT = np.radians(10)  # pitch of a foot that may well be flat
-_LEVEL = np.radians(15)  # a still foot steeper than this stands on a rung or an edge
+_LEVEL = np.radians(10)  # a still foot steeper than this stands on a rung or an edge
 _REACH = 0.9985  # of the leg's length: a knee is never straighter than 6 degrees
 _HEEL_DOWN = 0.04  # [m] a heel that is no higher, before flat stance, has struck
 _EVEN = 0.04  # [m] stances on flat ground differ by less
@@ -104,6 +104,15 @@ class Foot:
         """Return the foot ``height`` (nframe,) [m] lower."""
         down = height[:, None] * UP
         return dataclasses.replace(self, ankle=self.ankle - down, ball=self.ball - down)
+
+    def tipped(self, angle: Array, toe: Array) -> Foot:
+        """Return the foot turned about its toe, heel up, by ``angle`` (nframe,) [rad]."""
+        half = angle / 2
+        zero = np.zeros_like(half)
+        turn = np.stack([np.cos(half), zero, np.sin(half), zero], axis=-1)
+        quat = rot.multiply(self.quat, turn)
+        ankle = self.point(toe) - rot.rotate(quat, toe)
+        return dataclasses.replace(self, quat=quat, ankle=ankle)
 
     def point(self, local: Array) -> Array:
         """Return (nframe, 3) positions of a point given in the foot body."""
@@ -201,7 +210,7 @@ def place_feet(
         flat = np.linalg.norm((foot.ankle - hip)[:, :2], axis=1)
         most = np.sqrt(np.maximum((_REACH * figure.leg) ** 2 - flat**2, 0))
         drop = np.maximum(drop, hip[:, 2] - foot.ankle[:, 2] - most)
-    return root - _envelope(drop, 0.1 * fps)[:, None] * UP, pinned
+    return root - envelope(drop, 0.1 * fps)[:, None] * UP, pinned
 
 
 def _ground(
@@ -343,7 +352,7 @@ def carry(values: Array, weight: Array, fps: float) -> Array:
     return np.asarray(solveh_banded(band, values * weight[:, None], lower=True))
 
 
-def _envelope(need: Array, width: float) -> Array:
+def envelope(need: Array, width: float) -> Array:
     """Return a smooth curve on or above ``need`` (nframe,), zero far from where it is positive."""
     if not (need > 0).any():
         return np.zeros_like(need)

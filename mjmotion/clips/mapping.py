@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mjmotion import rotations as rot
-from mjmotion.clips.feet import Foot, place_feet
+from mjmotion.clips.feet import Foot, envelope, place_feet
 from mjmotion.clips.frames import (
     UP,
     Upright,
@@ -22,7 +22,7 @@ from mjmotion.clips.frames import (
 from mjmotion.clips.rig import SIDES, Rig, find_rig
 from mjmotion.clips.skeleton import Clip
 from mjmotion.exceptions import ModelError, unknown_name
-from mjmotion.limits import clamp_to_limits, limit_excess
+from mjmotion.limits import ball_limits, clamp_to_limits, limit_excess, swing_twist
 from mjmotion.motion import Motion
 
 Array = rot.Array
@@ -62,7 +62,12 @@ class Figure:
         self.thigh = float(np.linalg.norm(model.body("left_shank").pos))
         self.shank = float(np.linalg.norm(model.body("left_foot").pos))
         self.hips = {side: np.array(model.body(f"{side}_thigh").pos) for side in SIDES}
-        self.neck = np.array(model.body("neck").pos)
+        boxes = ball_limits(model)
+        ankles = {side: boxes.get(model.joint(f"{side}_ankle").id) for side in SIDES}
+        # The foot's toes-up turn is negative about y.
+        self.most_dorsiflexion = {
+            side: -np.pi if box is None else float(box[1, 0]) for side, box in ankles.items()
+        }
 
     @property
     def leg(self) -> float:
@@ -116,10 +121,8 @@ def map_clip(clip: Clip, model: mujoco.MjModel, rig: Rig | None = None) -> Mappe
     knees = {}
     for side, foot in zip(SIDES, feet, strict=True):
         hip = root + rot.rotate(body["pelvis"], figure.hips[side])
-        body[f"{side}_thigh"], knees[side] = bend_leg(
-            hip, foot.ankle, foot.normal, figure.thigh, figure.shank
-        )
-        body[f"{side}_foot"] = foot.quat
+        leg = _leg(hip, foot, side, figure, clip.fps)
+        body[f"{side}_thigh"], knees[side], body[f"{side}_foot"] = leg
     qpos = _assemble(model, root, body, knees)
     check_steady(clip, qpos)
     excess = limit_excess(model, qpos)
@@ -155,6 +158,28 @@ def bend_leg(
     bone = np.cos(angle) * line - np.sin(angle) * rot.cross(normal, line)
     cosine = (reach**2 - thigh**2 - shank**2) / (2 * thigh * shank)
     return rot.from_matrix(frame_of(-bone, normal)), np.arccos(np.clip(cosine, -1, 1))
+
+
+def _leg(
+    hip: Array, foot: Foot, side: str, figure: Figure, fps: float
+) -> tuple[Array, Array, Array]:
+    """Return the thigh's orientations, the knee's angles and the foot's orientations of one side.
+
+    Where a deep crouch would bend the ankle beyond its limit, the heel comes up, the toe stays.
+    """
+    toe = figure.site(f"{side}_toe")
+    extra = np.zeros(len(hip))
+    for _ in range(8):
+        tipped = foot.tipped(extra, toe) if extra.any() else foot
+        thigh, knee = bend_leg(hip, tipped.ankle, foot.normal, figure.thigh, figure.shank)
+        half, zero = knee / 2, np.zeros_like(knee)
+        bend = np.stack([np.cos(half), zero, np.sin(half), zero], axis=-1)
+        ankle = rot.multiply(rot.conjugate(rot.multiply(thigh, bend)), tipped.quat)
+        excess = figure.most_dorsiflexion[side] - swing_twist(ankle)[:, 1]
+        if excess.max() < 1e-4:
+            break
+        extra = extra + envelope(np.maximum(excess, 0), 0.05 * fps)
+    return thigh, knee, tipped.quat
 
 
 def _trunk(source: Upright, figure: Figure) -> dict[str, Array]:
