@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.kinematics import Kinematics, RayCaster, character_geoms
+from mjmotion.kinematics import Kinematics, RayCaster, character_geoms, root_body
 from mjmotion.video.stage import without_character
 
 Array = NDArray[np.float64]
@@ -17,6 +17,7 @@ FOVY = 32.0
 """Vertical field of view [degree]."""
 
 _FILL = 0.6  # of the picture's height that the figure takes
+_EXTENT_FRAMES = 200  # of which the figure's height is measured
 _STEP = 0.5  # between the moments at which a view is chosen [s]
 _BEARINGS = np.radians(np.arange(0, 360, 15))
 _ELEVATIONS = np.radians([12.0, 24.0, 40.0])
@@ -77,10 +78,11 @@ def follow(model: mujoco.MjModel, qpos: Array, fps: float, *, scene: bool = True
     """
     from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-    low, high = figure_extent(model, qpos)
+    some = qpos[:: max(len(qpos) // _EXTENT_FRAMES, 1)]
+    low, high = figure_extent(model, some)
     height = float(np.median(high - low))
     centre = qpos[:, :3].copy()
-    centre[:, 2] += float(np.median((low + high) / 2 - qpos[:, 2]))
+    centre[:, 2] += float(np.median((low + high) / 2 - some[:, 2]))
     smooth = lambda x, s: gaussian_filter1d(x, max(s * fps, 1e-6), axis=0, mode="nearest")  # noqa: E731
     lookat = smooth(centre, _LOOKAT_SIGMA)
     distance = height / (2 * _FILL * np.tan(np.radians(FOVY) / 2))
@@ -151,14 +153,14 @@ def whole_walk(
 
 def figure_extent(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
     """Return the heights of the figure's lowest and highest point in every frame, (n,) each [m]."""
+    pose = Kinematics(model, len(qpos), geoms=True).forward(qpos)
     mine = character_geoms(model)
-    if len(mine) == 0:
-        position = Kinematics(model, len(qpos)).forward(qpos).xpos[:, int(model.jnt_bodyid[0]) :, 2]
-        return position.min(axis=1), position.max(axis=1)
-    position, matrix = Kinematics(model, len(qpos)).geoms(qpos)
-    position, matrix = position[:, mine], matrix[:, mine]
-    centre = position[..., 2] + np.einsum("ngj,gj->ng", matrix[:, :, 2], model.geom_aabb[mine, :3])
-    half = np.einsum("ngj,gj->ng", np.abs(matrix[:, :, 2]), model.geom_aabb[mine, 3:])
+    if len(mine) == 0 or pose.geom_xpos is None or pose.geom_xmat is None:
+        height = pose.xpos[:, model.body_rootid == root_body(model), 2]
+        return height.min(axis=1), height.max(axis=1)
+    up = pose.geom_xmat[:, mine, 2]
+    centre = pose.geom_xpos[:, mine, 2] + np.einsum("ngj,gj->ng", up, model.geom_aabb[mine, :3])
+    half = np.einsum("ngj,gj->ng", np.abs(up), model.geom_aabb[mine, 3:])
     return (centre - half).min(axis=1), (centre + half).max(axis=1)
 
 

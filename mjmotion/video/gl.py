@@ -155,11 +155,8 @@ class Canvas:
 
 def _loads(name: str) -> bool:
     """Return whether the dynamic linker can load a library."""
-    found = ctypes.util.find_library(name)
-    if found is None:
-        return False
     try:
-        ctypes.CDLL(found)
+        ctypes.CDLL(ctypes.util.find_library(name) or f"lib{name}.so.1")
     except OSError:
         return False
     return True

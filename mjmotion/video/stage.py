@@ -110,11 +110,11 @@ class Stage:
         self._option = mujoco.MjvOption()
         self._option.sitegroup[:] = 0
         self._still = mujoco.MjvPerturb()
-        turn, height = bearing - _KEY[0], _KEY[1]
+        turn, height = bearing + _KEY[0], _KEY[1]
         self._key = -np.array(
             [np.cos(turn) * np.cos(height), np.sin(turn) * np.cos(height), np.sin(height)]
         )
-        across = bearing + np.pi / 2
+        across = bearing - np.pi / 2
         self._fill = np.array([-0.7 * np.cos(across), -0.7 * np.sin(across), -0.7])
         self._pose(model.qpos0)
 

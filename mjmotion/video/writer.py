@@ -164,7 +164,9 @@ class VideoWriter:
         def launch() -> None:
             # On Linux a priority belongs to a thread, and this one ends here: nothing else slows.
             if platform.system() == "Linux":
-                os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
+                me = threading.get_native_id()
+                own = os.getpriority(os.PRIO_PROCESS, me)
+                os.setpriority(os.PRIO_PROCESS, me, max(own, _NICE))
             try:
                 encoder.send(None)
             except Exception as error:
