@@ -15,10 +15,10 @@ from mjmotion.video.gl import Canvas
 
 Array = NDArray[np.float64]
 
-WINDOW = 12.6
+WINDOW = 15.6
 """Side of the square that is shown [m]; fog must hide its edge."""
 
-_NODES = 85  # along a side of the window, at most
+_NODES = 105  # along a side of the window, at most
 _WHOLE = 256  # along a side of a field that cannot be cut
 _JUMP = 8  # nodes that the window moves at once, so that few frames have to upload
 _FEWER = 8  # nodes that a window may lack for the sake of a texture
@@ -79,42 +79,38 @@ class _Field:
         self._pos = model.geom_pos[geoms].copy()
         self._matrix = np.array([_matrix(quat) for quat in model.geom_quat[geoms]])
 
-        count = np.minimum(side / self._gap, size - 1) + 1
-        step = max(int(np.ceil((count.max() - 1) / (nodes - 1) - 1e-9)), 1)
+        step = max(int(np.ceil(np.min(side / self._gap) / (nodes - 1) - 1e-9)), 1)
+        axes = None
         period = _texture_period(model, int(geoms[0]))
-        corners = None
         if len(geoms) == 1 and model.geom_bodyid[geoms[0]] == 0 and period is not None:
-            for fewer in range(_FEWER):  # some sizes keep a texture in place, others cannot
-                corners = self._corners(size, step, nodes - fewer, period)
-                if corners is not None:
-                    nodes -= fewer
-                    break
-        if corners is None:
+            axes = [self._places(size[axis], axis, step, nodes, period[axis]) for axis in range(2)]
+        if axes is None or any(len(places) == 0 for places, _ in axes):
             step = -(-int(size.max()) // _WHOLE)
-            nodes = int(size.max())
-            corners = [np.zeros(1, np.int64)] * 2
-        self._step, self._span, self._corners_xy = step, step * (nodes - 1), corners
+            axes = [(np.zeros(1, np.int64), int(count)) for count in size]
+        self._step = step
+        self._places_xy = [places for places, _ in axes]
+        self._span = np.array([span for _, span in axes])
         self._shown: tuple[int, int] | None = None
 
-    def _corners(
-        self, size: NDArray[np.int64], step: int, nodes: int, period: Array
-    ) -> list[NDArray[np.int64]] | None:
-        """Return the nodes, along x and y, where the window may begin; None if there are none."""
-        corners = []
-        for axis in range(2):
-            last = int(size[axis] - 1) // step * step
-            span = step * (nodes - 1)
-            places = np.arange(0, max(last - span, 0) + 1, step)
-            if len(places) > 1 and np.isfinite(period[axis]):
-                shift = (places + span / 2) * self._gap[axis] - self._half[axis]
-                turns = shift / period[axis]
-                places = places[np.abs(turns - np.round(turns)) * period[axis] < _SWIM]
-                if len(places) == 0 or np.any(np.diff(places) > span // 4):
-                    return None
-            elif len(places) > 1:
-                places = np.union1d(places[::_JUMP], places[-1:])
-            corners.append(places)
-        return corners
+    def _places(
+        self, size: int, axis: int, step: int, nodes: int, period: float
+    ) -> tuple[NDArray[np.int64], int]:
+        """Return the nodes where the window may begin on one axis, and how many it spans.
+
+        Nodes, counted in the field's own; none if a texture would swim wherever it begins.
+        """
+        last = (int(size) - 1) // step * step
+        if last <= 1.2 * step * (nodes - 1):
+            return np.zeros(1, np.int64), last
+        for span in step * (nodes - 1 - np.arange(_FEWER)):
+            places = np.arange(0, last - span + 1, step)
+            if not np.isfinite(period):
+                return np.union1d(places[::_JUMP], places[-1:]), int(span)
+            turns = ((places + span / 2) * self._gap[axis] - self._half[axis]) / period
+            places = places[np.abs(turns - np.round(turns)) * period < _SWIM]
+            if len(places) and np.all(np.diff(places) <= span // 4):
+                return places, int(span)
+        return np.empty(0, np.int64), 0
 
     def move(self, model: mujoco.MjModel, point: Array) -> bool:
         """Show the part around ``point`` (3,) [m]; return whether that is another part."""
@@ -122,13 +118,13 @@ class _Field:
         wanted = (local[:2] + self._half) / self._gap - self._span / 2
         x, y = (
             int(places[np.argmin(np.abs(places - place))])
-            for places, place in zip(self._corners_xy, wanted, strict=True)
+            for places, place in zip(self._places_xy, wanted, strict=True)
         )
         if self._shown == (x, y):
             return False
         self._shown = (x, y)
-        end = self._span + 1
-        part = self._heights[y : y + end : self._step, x : x + end : self._step]
+        end = (x, y) + self._span + 1
+        part = self._heights[y : end[1] : self._step, x : end[0] : self._step]
         model.hfield_nrow[self.index], model.hfield_ncol[self.index] = part.shape
         model.hfield_data[self._begin : self._begin + part.size] = part.ravel()
         half = (np.array(part.shape[::-1]) - 1) * self._step * self._gap / 2
