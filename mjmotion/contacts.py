@@ -45,16 +45,18 @@ class ContactSettings:
     Attributes:
       low, high: height over the ground below which a contact can begin, and above which it ends [m].
       slow, fast: speed below which a contact can begin, and above which it ends [m/s].
+      rise: a contact is cut where the site is this much over where it mostly rests [m].
       shortest: contacts shorter than this are dropped [s].
       gap: two contacts of a site closer than this are one [s].
       smoothing: positions are averaged over this time before speeds are taken [s].
       window: the ground is the lowest support within this time on either side [s].
     """
 
-    low: float = 0.045
-    high: float = 0.065
-    slow: float = 0.35
-    fast: float = 0.65
+    low: float = 0.02
+    high: float = 0.035
+    slow: float = 0.3
+    fast: float = 0.5
+    rise: float = 0.008
     shortest: float = 0.07
     gap: float = 0.05
     smoothing: float = 1.0 / 30.0
@@ -101,7 +103,8 @@ def detect_contacts(
         pace = speed[:, column]
         begin = (height < settings.low) & (pace < settings.slow)
         stay = (height < settings.high) & (pace < settings.fast)
-        for start, end in _merged(hysteresis(begin, stay), settings.gap * motion.fps):
+        runs = _merged(hysteresis(begin, stay), settings.gap * motion.fps)
+        for start, end in (_resting(height, run, settings.rise) for run in runs):
             whole = start == 0 or end == motion.nframe
             if end - start >= settings.shortest * motion.fps or (whole and end - start > 1):
                 found.append(Contact(name, start, end))
@@ -152,6 +155,13 @@ def hysteresis(begin: NDArray[np.bool_], stay: NDArray[np.bool_]) -> list[tuple[
         if len(first):
             runs.append((int(start + first[0]), int(end)))
     return runs
+
+
+def _resting(height: Array, run: tuple[int, int], rise: float) -> tuple[int, int]:
+    """Cut a run where the site has not come down yet, or is on its way up."""
+    start, end = run
+    low = np.flatnonzero(height[start:end] < np.quantile(height[start:end], 0.3) + rise)
+    return (start + int(low[0]), start + int(low[-1]) + 1)
 
 
 def _merged(runs: list[tuple[int, int]], gap: float) -> list[tuple[int, int]]:

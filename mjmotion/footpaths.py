@@ -26,17 +26,18 @@ from mjmotion.rotations import (
     multiply,
     normalized,
     rotate,
+    yaw_quat,
 )
 from mjmotion.scene.ground import Ground
 from mjmotion.smoothing import envelope, fade
 
 Array = NDArray[np.float64]
 
-FADE_TIME = 0.09  # how long what a contact took away takes to fade [s]
+FADE_TIME = 0.04  # what a contact took away dies out as exp(-t / this) [s]
+ROLL_PITCH = 0.35  # pitch on one contact from which the foot may roll as it likes [rad]
 LIFT_TIME = 0.12  # scale of a lift's rise and fall [s]
 CLEARANCE = 0.022  # most clearance that a swing is given on its own account [m]
 CLEARANCE_SHARE = 0.8  # share of the source's clearance that a swing keeps, up to that
-DIP = 0.001  # how far a foot on one contact may dip before it counts as flat [m]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -150,23 +151,25 @@ def _carry(mine: Sequence[tuple[Stance, Foothold]], nframe: int) -> tuple[Array,
 
 
 def _turned(foot: Foot, holds: _Holds, base: Array, time: float) -> Array:
-    """Orientation: the foothold's while flat, the carried source's else, smooth where they meet."""
-    flat = holds.flat.copy()
-    # On one contact the foot may not dip under the surface it stands on: there it is flat too.
-    local = np.where(holds.heel[:, None], foot.heel, foot.toe)
-    relative = multiply(conjugate(holds.quat), base)
-    arm = rotate(relative[:, None], (foot.sole[None] - local[:, None]))
-    dips = arm[..., 2].min(axis=1) < -DIP
-    flat |= holds.any & dips & ~_tilted(foot, arm)
-    correction = log(multiply(conjugate(base), holds.quat))
-    quat = multiply(base, exp(fade(flat, correction, time)))
-    quat[flat] = holds.quat[flat]
+    """Orientation: the foothold's while flat, the carried source's else, smooth where they meet.
+
+    On one contact the foot keeps the source's yaw, and its pitch unless that is into the ground. Its
+    roll comes with the pitch: a rigid sole that rolls while it is nearly flat digs in with a side.
+    """
+    w, x, y, z = np.moveaxis(multiply(conjugate(holds.quat), base), -1, 0)
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    pitch = np.where(holds.heel, np.minimum(pitch, 0.0), np.maximum(pitch, 0.0))
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    s = np.clip(np.abs(pitch) / ROLL_PITCH, 0.0, 1.0)
+    zero = np.zeros_like(yaw)
+    rolled = multiply(yaw_quat(yaw), exp(np.stack((zero, pitch, zero), axis=-1)))
+    rolled = multiply(rolled, exp(np.stack((roll * s * s * (3.0 - 2.0 * s), zero, zero), axis=-1)))
+    wanted = np.where(holds.flat[:, None], holds.quat, multiply(holds.quat, rolled))
+    correction = log(multiply(conjugate(base), wanted))
+    quat = multiply(base, exp(fade(holds.any, correction, time)))
+    quat[holds.any] = wanted[holds.any]
     return normalized(quat)
-
-
-def _tilted(foot: Foot, arm: Array) -> NDArray[np.bool_]:
-    """Whether the far end of the foot is well up, so that a dip is only its side's roll."""
-    return np.abs(arm[:, 1, 2] - arm[:, 0, 2]) > 0.03
 
 
 def _lift(

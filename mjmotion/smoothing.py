@@ -10,18 +10,24 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_THIRD = np.array((-1.0, 3.0, -3.0, 1.0))  # third difference of four frames
+_DIFFERENCES = (
+    np.array((1.0,)),
+    np.array((-1.0, 1.0)),
+    np.array((1.0, -2.0, 1.0)),
+    np.array((-1.0, 3.0, -3.0, 1.0)),
+)
 _ROUNDS = 40
 _ABOVE = 1e-4  # how far below a wanted height a curve may stay [m]
 
 
-def _jerk_band(nframe: int) -> Array:
-    """Lower band (4, nframe) of D3ᵀ D3, the energy of third differences."""
+def _energy(nframe: int, weights: tuple[float, float, float, float]) -> Array:
+    """Lower band (4, nframe) of Σ_k weights[k] D_kᵀ D_k, with D_k the k-th difference."""
     band = np.zeros((4, nframe))
-    for i in range(4):
-        for j in range(i + 1):
-            # entries (row offset i, column offset j) of every four-frame window
-            band[i - j, j : nframe - 3 + j] += _THIRD[i] * _THIRD[j]
+    for order, weight in enumerate(weights):
+        window = _DIFFERENCES[order]
+        for i in range(order + 1):
+            for j in range(i + 1):
+                band[i - j, j : nframe - order + j] += weight * window[i] * window[j]
     return band
 
 
@@ -45,13 +51,13 @@ def _solve(band: Array, right: Array, fixed: NDArray[np.bool_], values: Array) -
 def fade(fixed: NDArray[np.bool_], values: Array, time: float) -> Array:
     """Return the curves that are ``values`` at the fixed frames and else fade to zero smoothly.
 
-    They minimise ``time⁶ |Δ³ e|² + |e|²``: within about ``time`` frames of a fixed stretch they
-    leave it with its own slope and curvature.
+    They minimise ``τ⁶ |Δ³e|² + 3 τ⁴ |Δ²e|² + 3 τ² |Δe|² + |e|²``, whose solutions leave a fixed
+    stretch with its own slope and curvature and die out as ``exp(-t/τ)`` without swinging over.
 
     Args:
       fixed: (nframe,) where values are given.
       values: (nframe, k); only those at fixed frames count.
-      time: how long the fading takes [frames].
+      time: τ [frames].
 
     Returns:
       (nframe, k).
@@ -59,8 +65,7 @@ def fade(fixed: NDArray[np.bool_], values: Array, time: float) -> Array:
     nframe = len(fixed)
     if nframe < 5 or fixed.all() or not fixed.any():
         return np.where(fixed[:, None], values, 0.0)
-    band = _jerk_band(nframe) * time**6
-    band[0] += 1.0
+    band = _energy(nframe, (1.0, 3.0 * time**2, 3.0 * time**4, time**6))
     return _solve(band, np.zeros_like(values), fixed, values)
 
 
@@ -82,8 +87,7 @@ def envelope(need: Array, fixed: NDArray[np.bool_], time: float) -> Array:
     need = np.where(fixed, 0.0, np.maximum(need, 0.0))
     if nframe < 5 or not (need > 0.0).any():
         return np.array(need)
-    base = _jerk_band(nframe) * time**6
-    base[0] += 1.0
+    base = _energy(nframe, (1.0, 0.0, 0.0, time**6))
     active = np.zeros(nframe, dtype=bool)
     curve = np.zeros(nframe)
     stiffness = 1e3 * time**6

@@ -18,7 +18,8 @@ from mjmotion.constraints import Targets
 
 Array = NDArray[np.float64]
 
-ROOT_SHIFT_WEIGHT = 4.0  # α of the root's translation, against 1 rad² of a light joint [1/m²]
+ROOT_SHIFT_WEIGHT = 60.0  # α of the root's translation, against 1 rad² of a joint [1/m²]
+ROOT_TURN_WEIGHT = 12.0  # α of the root's rotation
 _LIGHT, _HEAVY = 0.5, 4.0  # α of a joint that moves nothing, and of one that moves the whole body
 
 
@@ -73,12 +74,13 @@ class IKSolver(Protocol):
 def default_weights(model: mujoco.MjModel) -> Array:
     """Return the rigidity α (nv,) of every degree of freedom (Eq. 4).
 
-    A joint resists in proportion to the share of the body's mass that it moves.
+    A joint resists in proportion to the share of the body's mass that it moves. The root is stiff:
+    its path is the first guess's to find (§4.5), the rest of the body works around it.
     """
     total = model.body_subtreemass[model.jnt_bodyid[0]]
     share = model.body_subtreemass[model.dof_bodyid] / max(total, 1e-9)
     weights = _LIGHT + _HEAVY * share
-    weights[:3] = ROOT_SHIFT_WEIGHT
+    weights[:3], weights[3:6] = ROOT_SHIFT_WEIGHT, ROOT_TURN_WEIGHT
     return np.asarray(weights)
 
 
