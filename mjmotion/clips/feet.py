@@ -34,7 +34,7 @@ _HEEL_DOWN = 0.04  # [m] a heel that is no higher, before flat stance, has struc
 _EVEN = 0.04  # [m] stances on flat ground differ by less
 _TILT = 0.04  # slope of a floor that was meant to be level
 _CLEAR = 0.004  # [m] how deep a sole may graze the ground in a swing
-_SHARP, _SOFT = 10.0, 1e-4  # [Hz] what corrections follow in contact; weight of none in swing
+_SHARP, _SOFT = 10.0, 1e-2  # [Hz] what corrections follow in contact; weight of none in swing
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -100,10 +100,13 @@ class Foot:
             rot.rotate(turn, self.normal),
         )
 
+    def moved_by(self, shift: Array) -> Foot:
+        """Return the foot moved by ``shift`` (nframe, 3) [m]."""
+        return dataclasses.replace(self, ankle=self.ankle + shift, ball=self.ball + shift)
+
     def lowered(self, height: Array) -> Foot:
         """Return the foot ``height`` (nframe,) [m] lower."""
-        down = height[:, None] * UP
-        return dataclasses.replace(self, ankle=self.ankle - down, ball=self.ball - down)
+        return self.moved_by(-height[:, None] * UP)
 
     def tipped(self, angle: Array, toe: Array) -> Foot:
         """Return the foot turned about its toe, heel up, by ``angle`` (nframe,) [rad]."""
@@ -348,7 +351,7 @@ def carry(values: Array, weight: Array, fps: float) -> Array:
     for row in range(4):
         for lag in range(4 - row):
             band[lag, row : nframe - 3 + row] += stiff * difference[row] * difference[row + lag]
-    band[0] += weight + _SOFT
+    band[0] += weight + _SOFT * (1 - weight)
     return np.asarray(solveh_banded(band, values * weight[:, None], lower=True))
 
 

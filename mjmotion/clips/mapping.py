@@ -109,7 +109,10 @@ def map_clip(clip: Clip, model: mujoco.MjModel, rig: Rig | None = None) -> Mappe
     notes.append(f"up axis {source.axis}, 1 unit of the file is {source.scale:.6g} m")
     body = _trunk(source, figure)
     root = (source.at("left_hip") + source.at("right_hip")) / 2
-    feet = [_foot(source, side) for side in SIDES]
+    feet = [
+        _foot(source, side).moved_by(_hip_shift(source, side, body["pelvis"], figure))
+        for side in SIDES
+    ]
     for side in SIDES:
         _arm(source, side, body)
     yaw, start = _start(root, body["pelvis"], clip.fps)
@@ -302,6 +305,22 @@ def _foot(source: Upright, side: str) -> Foot:
         leg = rot.normalized(source.rest_at(f"{side}_ankle") - source.rest_at(f"{side}_knee"))
         rest_pitch = float(np.arcsin(np.clip(rot.normalized(line) @ leg, -1, 1)))
     return Foot.recorded(ankle, ball, joint, normal, rest_pitch, source.clip.fps)
+
+
+def _hip_shift(source: Upright, side: str, pelvis: Array, figure: Figure) -> Array:
+    """Return (nframe, 3) how far a foot moves sideways because the humanoid's hips are narrower.
+
+    Without it the legs of a broad-hipped skeleton would splay and reach less far down. The side
+    follows the pelvis slowly, so that stance feet stay.
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    left = rot.rotate(pelvis, np.array((0.0, 1.0, 0.0))) * (1.0, 1.0, 0.0)
+    across = source.at("left_hip") - source.at("right_hip")
+    half = float(np.median(np.linalg.norm(across, axis=1))) / 2
+    more = float(figure.hips[side][1]) - (half if side == "left" else -half)
+    left = gaussian_filter1d(left, 0.5 * source.clip.fps, axis=0, mode="nearest")
+    return more * rot.normalized(left)
 
 
 def _arm(source: Upright, side: str, body: dict[str, Array]) -> None:
