@@ -6,7 +6,6 @@ Results go to stdout, progress and warnings to stderr.
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -98,6 +97,7 @@ def adapt(args: argparse.Namespace) -> int:
     from mjmotion.clips import load_clip
     from mjmotion.constraints import load_constraints
     from mjmotion.contacts import load_contacts
+    from mjmotion.report import table
     from mjmotion.results import check_output, load_model, result_folder, write_results
     from mjmotion.scene import load_scene
     from mjmotion.validation import read_thresholds, validate
@@ -130,9 +130,15 @@ def adapt(args: argparse.Namespace) -> int:
             adaptation.source, adaptation.motion, adaptation.contacts, thresholds=thresholds
         )
         with _Bar("rendering") as tick:
-            write_results(folder, adaptation, validation, video=not args.no_video, progress=tick)
-    say(f"{args.clip} on {args.scene}: {clip.nframe} frames at {clip.fps:g} fps", "")
-    say(*_level_lines(adaptation.trace), "", *_figure_lines(validation), "")
+            title = f"{Path(args.clip).stem} on {scene.name}"
+            write_results(
+                *(folder, adaptation, validation),
+                video=not args.no_video,
+                title=title,
+                progress=tick,
+            )
+    say(f"{title}: {clip.nframe} frames at {clip.fps:g} fps", "")
+    say(*_level_lines(adaptation.trace), "", table(validation), "")
     for unmet in adaptation.unmet:
         warn(
             f"not met: {unmet.constraint} at frames {frame_list(unmet.frames)},"
@@ -145,17 +151,15 @@ def adapt(args: argparse.Namespace) -> int:
 
 def validate(args: argparse.Namespace) -> int:
     """Measure a result again, rewrite its report and print the figures."""
-    from mjmotion.results import read_results, write_report
+    from mjmotion.report import Report
+    from mjmotion.results import write_report
     from mjmotion.validation import read_thresholds
-    from mjmotion.validation import validate as run
 
     thresholds = read_thresholds(args.threshold)
-    results = read_results(args.folder)
-    validation = run(results.source, results.motion, results.contacts, thresholds=thresholds)
-    with _Bar("reporting") as tick:
-        write_report(results, validation, progress=tick)
-    say(*_figure_lines(validation), "")
-    broken = _tell_broken(validation)
+    report = Report.from_folder(args.folder, thresholds=thresholds)
+    write_report(args.folder, report)
+    say(report.table(), "")
+    broken = _tell_broken(report.validation)
     say(*_path_lines(args.folder))
     return 1 if broken else 0
 
@@ -219,19 +223,6 @@ def _level_lines(trace: Trace) -> list[str]:
         *lines,
         f"exact   {'':13}   {took}   {trace.exact_error_percent:.4f}   (time of the whole fit)",
     ]
-
-
-def _figure_lines(validation: Validation) -> list[str]:
-    """Return the table of the validation: figure, value, bound, and where it is worst."""
-    rows = validation.summary()
-    wide = max(len(row.label) for row in rows)
-    lines = [f"{'figure':{wide}}   {'value':>14}   {'bound':14}   {'':6}   worst"]
-    for row in rows:
-        value = "-" if math.isnan(row.value) else f"{row.value:.4g} {row.unit}".rstrip()
-        verdict = {True: "ok", False: "BROKEN", None: ""}[row.ok]
-        line = f"{row.label:{wide}}   {value:>14}   {row.threshold:14}   {verdict:6}   {row.where}"
-        lines.append(line.rstrip())
-    return lines
 
 
 def _tell_broken(validation: Validation) -> bool:

@@ -1,7 +1,7 @@
 """The output folder of an adaptation: written whole or not at all, and read again.
 
     with result_folder("out/walk") as folder:        # a folder aside, renamed when all went well
-        write_motions(folder, adaptation)
+        write_results(folder, adaptation, validation)
     results = read_results("out/walk")               # model, source, motion, contacts, report
 
 | file | what it holds |
@@ -20,19 +20,21 @@ import dataclasses
 import json
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mujoco
 
 from mjmotion.contacts import Contact, load_contacts, save_contacts
-from mjmotion.exceptions import MotionError, OutputError
+from mjmotion.exceptions import MotionError, OutputError, RenderError
 from mjmotion.motion import Motion
+from mjmotion.report import Report
 from mjmotion.scene import save_model
 
 if TYPE_CHECKING:
     from mjmotion.adapt import Adaptation
+    from mjmotion.validation import Validation
 
 MOTION, SOURCE, MODEL, CONTACTS = "motion.npz", "source.npz", "model.xml", "contacts.json"
 REPORT, PAGE, VIDEO = "report.json", "report.html", "video.mp4"
@@ -143,6 +145,59 @@ def write_motions(folder: str | Path, adaptation: Adaptation) -> None:
     except OSError as error:
         raise OutputError(f"cannot write into '{folder}': {error.strerror or error}") from error
     save_model(adaptation.spec, folder, MODEL)
+
+
+def write_results(
+    folder: str | Path,
+    adaptation: Adaptation,
+    validation: Validation,
+    *,
+    video: bool = True,
+    title: str = "Adapted motion",
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write everything of an adaptation into a folder that is there.
+
+    Args:
+      folder: where; use :func:`result_folder` to have it appear whole or not at all.
+      adaptation: what ``adapt`` returned.
+      validation: its figures.
+      video: whether to render ``video.mp4`` too.
+      title: what the report is called.
+      progress: called with frames done and frames in all while the video is rendered.
+
+    Raises:
+      OutputError: a file cannot be written.
+      RenderError: a video was asked for and there is no offscreen OpenGL.
+    """
+    folder = Path(folder)
+    write_motions(folder, adaptation)
+    write_report(folder, Report.from_adaptation(adaptation, validation, title=title))
+    if video:
+        from mjmotion.video import render_video
+
+        render_video(
+            folder / VIDEO,
+            adaptation.motion,
+            adaptation.source,
+            contacts=adaptation.contacts,
+            progress=progress,
+        )
+
+
+def write_report(folder: str | Path, report: Report) -> None:
+    """Write ``report.json`` and ``report.html`` with a strip of poses, if there is OpenGL for it.
+
+    Raises:
+      OutputError: a file cannot be written.
+    """
+    from mjmotion.video import render_strip
+
+    try:
+        poses, why = [render_strip(report.motion, contacts=report.contacts)], ""
+    except RenderError as error:
+        poses, why = [], str(error)
+    report.write(folder, poses, why_no_poses=why)
 
 
 def read_results(folder: str | Path) -> Results:
