@@ -30,6 +30,7 @@ _MOVING = 0.4  # [m/s] a point that stood and is faster has left the ground
 _NEAR_FLAT = np.radians(10)  # pitch of a foot that may well be flat
 _LEVEL = np.radians(10)  # a still foot steeper than this stands on a rung or an edge
 _REACH = 0.9985  # of the leg's length: a knee is never straighter than 6 degrees
+_RISING = 0.05  # [rad] a foot pitched further has its heel off the ground
 _HEEL_DOWN = 0.04  # [m] a heel that is no higher, before flat stance, has struck
 _EVEN = 0.04  # [m] stances on flat ground differ by less
 _TILT = 0.04  # slope of a floor that was meant to be level
@@ -208,12 +209,25 @@ def place_feet(
             low = [_on_flat_ground(s) for s in low]
         pinned.append(_pin(foot.lowered(under), low, heel, toe, fps))
     drop = np.zeros(len(root))
-    for side, foot in zip(SIDES, pinned, strict=True):
+    for at, side in enumerate(SIDES):
         hip = root + rot.rotate(pelvis, figure.hips[side])
-        flat = np.linalg.norm((foot.ankle - hip)[:, :2], axis=1)
-        most = np.sqrt(np.maximum((_REACH * figure.leg) ** 2 - flat**2, 0))
-        drop = np.maximum(drop, hip[:, 2] - foot.ankle[:, 2] - most)
+        toe = figure.site(f"{side}_toe")
+        # A leg that trails behind raises its heel further; only then does the pelvis come down.
+        for _ in range(4):
+            lack = _lack(hip, pinned[at].ankle, _REACH * figure.leg)
+            rising = rot.rotate(pinned[at].quat, toe)[:, 2] < toe[2] - _RISING * toe[0]
+            lack = np.where(rising, np.maximum(lack, 0.0), 0.0)
+            if lack.max() < 1e-3:
+                break
+            pinned[at] = pinned[at].tipped(envelope(lack, 0.03 * fps) / toe[0], toe)
+        drop = np.maximum(drop, _lack(hip, pinned[at].ankle, _REACH * figure.leg))
     return root - envelope(drop, 0.1 * fps)[:, None] * UP, pinned
+
+
+def _lack(hip: Array, ankle: Array, reach: float) -> Array:
+    """Return (nframe,) how far hips must come down for ankles to be within reach [m]."""
+    flat = np.linalg.norm((ankle - hip)[:, :2], axis=1)
+    return hip[:, 2] - ankle[:, 2] - np.sqrt(np.maximum(reach**2 - flat**2, 0))
 
 
 def _ground(
