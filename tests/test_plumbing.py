@@ -76,6 +76,13 @@ def test_no_file_names_a_machine_or_a_registry() -> None:
             assert word not in text, f"{path.relative_to(ROOT)} names {word}"
 
 
+def test_documents_that_are_mentioned_exist() -> None:
+    for path in tracked():
+        if path.suffix in (".py", ".md") and path.parent.name != "tests":
+            for name in re.findall(r"docs/[a-z_]+\.md", path.read_text("utf-8")):
+                assert (ROOT / name).is_file(), f"{path.relative_to(ROOT)} mentions {name}"
+
+
 def test_no_recording_is_in_the_project() -> None:
     for path in tracked():
         assert path.suffix.lower() not in {".bvh", ".amc", ".asf", ".c3d", ".fbx"}, path
