@@ -521,3 +521,19 @@ def test_an_empty_folder_may_be_filled(tmp_path: Path) -> None:
     with result_folder(tmp_path / "out") as folder:
         write(folder / "motion.npz", "new")
     assert tree(tmp_path) == {"out/motion.npz": b"new"}
+
+
+def test_a_kill_leaves_nothing(walk: Path, tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "out"
+    words = ("adapt", walk, "--scene", "terrain", "--out", out, "--no-video")
+    with subprocess.Popen(
+        [sys.executable, "-m", "mjmotion", *map(str, words)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    ) as job:
+        while job.poll() is None and not out.parent.is_dir():  # until it writes aside
+            time.sleep(0.01)
+        job.terminate()
+        job.wait(timeout=60)
+    assert job.returncode == 128 + 15
+    assert not list(tmp_path.iterdir())
