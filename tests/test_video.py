@@ -34,7 +34,7 @@ FIGURE = """
     <body name="pelvis" pos="0 0 0.9">
       <freejoint name="root"/>
       <geom type="capsule" fromto="0 0 0.1 0 0 0.6" size="0.15" rgba="0.8 0.1 0.5 1"/>
-      <geom type="sphere" pos="0 0 0.72" size="0.12" rgba="0.9 0.7 0.6 1"/>
+      <geom type="sphere" pos="0 0 0.72" size="0.12" rgba="0.7 0.7 0.7 1"/>
       <body name="left_leg" pos="0 0.1 0">
         <joint name="left_hip" axis="0 -1 0"/>
         <geom type="capsule" fromto="0 0 0 0 0 -0.84" size="0.06" rgba="0.8 0.1 0.5 1"/>

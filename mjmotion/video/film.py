@@ -50,7 +50,7 @@ def render_video(
     width: int = 1280,
     height: int = 720,
     fps: float | None = None,
-    crf: int = 20,
+    crf: int = 22,
     preview: bool = False,
     captions: tuple[str, str] = ("source", "adapted"),
     progress: Progress | None = None,

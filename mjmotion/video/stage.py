@@ -210,7 +210,7 @@ class Stage:
         key.castshadow = self.shadows
         key.dir[:] = self._key
         key.ambient[:] = 0.0
-        key.diffuse[:] = (0.56, 0.54, 0.50)
+        key.diffuse[:] = (0.62, 0.60, 0.56)
         key.specular[:] = 0.15
 
     def _backdrop(self, camera: mujoco.MjvCamera, aspect: float) -> None:

@@ -48,7 +48,7 @@ class VideoWriter:
     """
 
     def __init__(
-        self, path: str | Path, width: int, height: int, fps: float, crf: int = 20
+        self, path: str | Path, width: int, height: int, fps: float, crf: int = 22
     ) -> None:
         self.path = Path(path)
         if self.path.suffix.lower() != ".mp4":
@@ -155,7 +155,7 @@ class VideoWriter:
             ffmpeg_log_level="error",
             output_params=[
                 *_COLOUR,
-                *("-preset", "veryfast", "-threads", "1", "-crf", str(self._crf)),
+                *("-preset", "superfast", "-threads", "1", "-crf", str(self._crf)),
                 *("-movflags", "+faststart"),
             ],
         )
