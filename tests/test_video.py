@@ -208,8 +208,8 @@ def test_captions_name_the_panels(gl):
 def test_contacts_are_marked_while_they_last_and_after(gl):
     motion = walk(figure_on(flat), nframe=40, speed=0.5)
     contacts = [Contact("left_heel", 10, 20)]
-    bare = render_frames(motion, [15], 320, 180)[0]
-    before, during, after = render_frames(motion, [5, 15, 25], 320, 180, contacts=contacts)
+    bare = render_frames(motion, [15], 640, 360)[0]
+    before, during, after = render_frames(motion, [5, 15, 25], 640, 360, contacts=contacts)
     assert not orange(bare).any() and not orange(before).any()
     assert orange(during).sum() > orange(after).sum() > 0
 

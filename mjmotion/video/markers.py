@@ -86,9 +86,9 @@ class ContactMarks:
                     mujoco.mjtGeom.mjGEOM_ELLIPSOID,
                     (0.030, 0.030, 0.006),
                     self.position[i],
-                    (*(0.25 + 0.75 * self.colour[i]), 1.0),
+                    (*(0.10 + 0.85 * self.colour[i]), 1.0),
                     self.matrix[i],
-                    emission=0.25,
+                    emission=0.1,
                 )
 
 
