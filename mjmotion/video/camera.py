@@ -58,10 +58,6 @@ class CameraPath:
         camera.elevation = -float(np.degrees(self.elevation[frame]))
         return camera
 
-    def moved(self, shift: Array) -> CameraPath:
-        """Return the same path looking at points moved by ``shift`` (n, 3) [m]."""
-        return dataclasses.replace(self, lookat=self.lookat + shift)
-
 
 def follow(model: mujoco.MjModel, qpos: Array, fps: float, *, scene: bool = True) -> CameraPath:
     """Plan a camera that keeps the figure at about 60 % of the picture's height.
