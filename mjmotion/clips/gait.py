@@ -1,0 +1,298 @@
+"""The built-in walk: made from a table of Fourier coefficients, with no recording at hand.
+
+    motion = make_walk(model)                                  # the paper's 464 frames at 30 fps
+    motion = make_walk(model, segments=[Segment("straight", 4)], speed=1.0, stride=1.2, fps=120)
+
+The body follows a path; root and joints swing about their means by the table
+(:mod:`mjmotion.clips.gait_table`), less at lower speed, so that a walk begins and ends in quiet
+standing. The feet have their own plan: they come down under the path and stay there, and the legs
+are closed on them (Eq. 7), so that nothing skates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.clips.gait_feet import (
+    _BUMP,
+    FootShape,
+    SwingShape,
+    foot_motion,
+    foot_shape,
+    swing_shape,
+)
+from mjmotion.clips.gait_plan import Path, Segment, ease, plan_path, plan_steps
+from mjmotion.clips.gait_table import GaitTable, gait_table
+from mjmotion.exceptions import ClipError, ModelError
+from mjmotion.ik.limb import Limbs, find_limbs
+from mjmotion.kinematics import Kinematics
+from mjmotion.motion import Motion
+from mjmotion.rotations import conjugate, exp, multiply, rotate, yaw_quat
+
+Array = NDArray[np.float64]
+
+SPEED = 1.22  # [m/s]
+STRIDE = 1.36  # [m]
+TURNING = 0.35  # [rad/s]
+FRAMES = 464  # of the paper's clip, at 30 fps
+
+WALK = (
+    Segment("start"),
+    Segment("straight", 4.0),
+    Segment("turn_left", 2.0),
+    Segment("straight", 1.0),
+    Segment("turn_right", 2.0),
+    Segment("straight", 1.0),
+    Segment("stop"),
+)
+
+_CENTRE = ("spine", "neck", "head")
+_SIDES = ("left", "right")
+_LIMB = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+_HINGES = ("elbow", "knee")
+JOINTS = _CENTRE + tuple(f"{side}_{part}" for side in _SIDES for part in _LIMB)
+
+_WIDTHS = (0.17, 0.12)  # of the stance, standing and walking [m]
+_TOE_OUT = np.deg2rad(6.0)
+_KNEE = np.deg2rad(5.0)  # a knee is never straighter
+_STAND_ELBOW = 0.30  # [rad]
+_BOB = 1.3  # the mean over strides and people flattens what each of them does
+_STAND = (0.75, 0.9)  # quiet standing before a start and after a stop [s]
+_GRAVITY = 9.81
+_LEAN = (0.25, 0.35)  # shares of the lean into a turn that pelvis and spine take
+_LOOK_AHEAD = 0.45  # how far ahead the head looks into a turn [cycles]
+_LOOK = (0.15, 0.35, 0.3)  # shares of that turn of spine, neck and head
+
+
+def make_walk(
+    model: mujoco.MjModel,
+    *,
+    segments: Sequence[Segment] = WALK,
+    stride: float = STRIDE,
+    speed: float = SPEED,
+    turning: float = TURNING,
+    stand: tuple[float, float] = _STAND,
+    seconds: float | None = None,
+    fps: float = 30.0,
+) -> Motion:
+    """Return a walk on level ground z = 0, beginning at the origin along +x.
+
+    Args:
+      model: the humanoid, with or without a scene.
+      segments: the parts of the walk, in order.
+      stride: length of a stride, two steps, at walking speed [m].
+      speed: walking speed [m/s]; the cadence is ``speed / stride`` strides a second.
+      turning: mean rate of turning within the turns [rad/s].
+      stand: quiet standing before a start and after a stop [s].
+      seconds: length of the whole motion; with a stop at the end, the standing after it is made as
+        long as that takes. Without, as long as segments and standing take.
+      fps: frames a second. The motion is the same at any, only sampled finer.
+
+    Raises:
+      ModelError: the model is not the humanoid: joints, sites or limbs are missing.
+      ClipError: segments, stride, speed or time that make no walk.
+    """
+    _check_model(model)
+    for name, value, low, high in (
+        ("stride", stride, 0.5, 1.9),
+        ("speed", speed, 0.3, 2.2),
+        ("turning", turning, 0.0, 1.2),
+        ("strides a second", speed / max(stride, 1e-6), 0.5, 1.4),
+        ("fps", fps, 1.0, 1e5),
+    ):
+        if not low <= value <= high:
+            raise ClipError(f"walk: {name} is {value:.3g}: give {low} to {high}")
+    path = plan_path(segments, stride, speed, turning)
+    before = stand[0] if path.starts else 0.0
+    after = stand[1] if path.stops else 0.0
+    ends = float(np.interp(path.end, path.psi, path.time))
+    total = before + ends + after if seconds is None else seconds
+    if total < before + ends:
+        raise ClipError(f"walk: the segments take {before + ends:.2f} s, not {total:.2f}")
+    times = np.arange(max(1, int(round(total * fps)))) / fps - before
+    return Motion(model, _poses(model, path, path.phase(times), stride), fps)
+
+
+def _check_model(model: mujoco.MjModel) -> None:
+    names = {model.joint(i).name for i in range(model.njnt)}
+    missing = [name for name in JOINTS if name not in names]
+    if missing:
+        raise ModelError(
+            f"the built-in walk needs the humanoid: this model lacks the joints {', '.join(missing)}"
+        )
+    sites = {model.site(i).name for i in range(model.nsite)}
+    wanted = [f"{side}_{part}" for side in _SIDES for part in ("heel", "toe")]
+    missing = [name for name in wanted if name not in sites]
+    if missing:
+        raise ModelError(
+            f"the built-in walk needs the humanoid: this model lacks the sites {', '.join(missing)}"
+        )
+
+
+def _poses(model: mujoco.MjModel, path: Path, psi: Array, stride: float) -> Array:
+    """Return qpos (n, nq) at phases (n,)."""
+    table = gait_table()
+    legs = Limbs(model, [_leg(model, side) for side in _SIDES])
+    shapes = [foot_shape(model, side) for side in _SIDES]
+    bump = _swing_shape(model, table, stride)
+    scale = min(stride / STRIDE, 1.2)
+    feet = partial(_feet, path, table, shapes, bump)
+    # How high the pelvis can be is found on a grid of its own, so that it is the same at any rate.
+    grid = np.linspace(psi[0] - 0.5, psi[-1] + 0.5, int(np.ceil((psi[-1] - psi[0] + 1.0) * 100)) + 1)
+    body = _body(model, table, path, grid, scale)
+    room = _room(legs, body, feet(grid))
+    qpos = _body(model, table, path, psi, scale)
+    qpos[:, 2] += _height(grid, room, psi)
+    return _close(legs, qpos, feet(psi))
+
+
+def _leg(model: mujoco.MjModel, side: str):  # type: ignore[no-untyped-def]
+    foot = int(model.joint(f"{side}_ankle").bodyid[0])
+    for limb in find_limbs(model):
+        if limb.end == foot:
+            return limb
+    raise ModelError(f"the built-in walk needs the humanoid: its {side} leg is no ball-hinge-ball")
+
+
+def _body(
+    model: mujoco.MjModel, table: GaitTable, path: Path, psi: Array, scale: float
+) -> Array:
+    """Return qpos (n, nq) by path and table; the root's height is only its bob."""
+    place, heading, pace = path.at(psi)
+    swing = np.clip(pace, 0.0, 1.0) * scale
+    qpos = np.tile(model.qpos0, (len(psi), 1))
+    # Weight goes over to the standing foot before the first step, and back after the last.
+    shift = np.ones_like(psi)
+    if path.starts:
+        shift = shift * ease((psi + 0.38) / 0.5)
+    if path.stops:
+        shift = shift * ease((path.end + 0.22 - psi) / 0.5)
+    along, side, up = table.swing("root_position", psi).T
+    along = along * swing
+    side = side * shift * np.sqrt(scale)
+    qpos[:, 0] = place[:, 0] + along * np.cos(heading) - side * np.sin(heading)
+    qpos[:, 1] = place[:, 1] + along * np.sin(heading) + side * np.cos(heading)
+    qpos[:, 2] = up * swing * _BOB
+    # Into the turn: what a pendulum under the sideways acceleration would lean.
+    rate = np.gradient(path.heading, path.time)
+    rate = np.interp(psi, path.psi, rate)
+    speed = np.interp(psi, path.psi, np.linalg.norm(np.gradient(path.position, path.time, axis=0), axis=1))
+    lean = -np.arctan(rate * speed / _GRAVITY)
+    ahead = path.at(psi + _LOOK_AHEAD)[1] - heading
+    turn = table.mean("root_rotation") + table.swing("root_rotation", psi) * swing[:, None]
+    turn[:, 0] += _LEAN[0] * lean
+    qpos[:, 3:7] = multiply(yaw_quat(heading), exp(turn))
+    for name in JOINTS:
+        address = int(model.joint(name).qposadr[0])
+        mean, values = table.mean(name), table.swing(name, psi) * swing[:, None]
+        if name.endswith("elbow"):
+            mean = _STAND_ELBOW + (mean - _STAND_ELBOW) * swing[:, None]
+        values = mean + values
+        if name == "spine":
+            values[:, 0] += _LEAN[1] * lean
+        if name in _CENTRE:
+            values[:, 2] += _LOOK[_CENTRE.index(name)] * ahead
+        if name.endswith(_HINGES):
+            qpos[:, address] = np.clip(values[:, 0], 0.0, None)
+        else:
+            qpos[:, address : address + 4] = exp(values)
+    return qpos
+
+
+def _feet(
+    path: Path, table: GaitTable, shapes: Sequence[FootShape], bump: SwingShape, psi: Array
+) -> tuple[Array, Array]:
+    """Return ankles (n, 2, 3) [m] and orientations (n, 2, 4) of both feet."""
+    places, turns = [], []
+    for side, shape in zip(_SIDES, shapes, strict=True):
+        steps = plan_steps(path, side, _WIDTHS, _TOE_OUT)
+        foot = foot_motion(steps, psi, table, shape, bump)
+        zero = np.zeros_like(psi)
+        pitch = exp(np.column_stack((zero, foot[:, 3], zero)))
+        places.append(foot[:, :3])
+        turns.append(multiply(yaw_quat(foot[:, 4]), pitch))
+    return np.stack(places, axis=1), np.stack(turns, axis=1)
+
+
+def _swing_shape(model: mujoco.MjModel, table: GaitTable, stride: float) -> SwingShape:
+    """Return what the table's left foot does in its swing, on a straight walk."""
+    span = 1.0 - table.toe_off
+    u = np.linspace(-2.0 / _BUMP, 1.0 + 2.0 / _BUMP, _BUMP + 5)
+    psi = table.toe_off + span * u
+    qpos = np.tile(model.qpos0, (len(psi), 1))
+    position = table.mean("root_position") + table.swing("root_position", psi)
+    position[:, 0] += psi * STRIDE
+    qpos[:, :3] = position
+    qpos[:, 3:7] = exp(table.mean("root_rotation") + table.swing("root_rotation", psi))
+    for part in ("hip", "knee", "ankle"):
+        name = f"left_{part}"
+        address = int(model.joint(name).qposadr[0])
+        values = table.mean(name) + table.swing(name, psi)
+        if part == "knee":
+            qpos[:, address] = values[:, 0]
+        else:
+            qpos[:, address : address + 4] = exp(values)
+    pose = Kinematics(model, len(psi)).forward(qpos)
+    foot = int(model.joint("left_ankle").bodyid[0])
+    toe = rotate(pose.xquat[:, foot], np.array((1.0, 0.0, 0.0)))
+    return swing_shape(pose.xpos[:, foot][:, [0, 2]], np.arcsin(-toe[:, 2]), span, STRIDE)
+
+
+def _room(legs: Limbs, qpos: Array, feet: tuple[Array, Array]) -> Array:
+    """Return how far (n,) the pelvis must rise for the straighter knee to be as straight as allowed."""
+    hip, _ = legs.bases(qpos)
+    bent = legs._constant + 2.0 * legs._r1r2 * np.cos(_KNEE)
+    flat = ((feet[0] - hip)[..., :2] ** 2).sum(axis=-1)
+    return np.asarray((feet[0][..., 2] + np.sqrt(np.maximum(bent - flat, 0.01)) - hip[..., 2]).min(axis=1))
+
+
+def _height(grid: Array, room: Array, psi: Array) -> Array:
+    """Return a smooth height (n,) that is nowhere over ``room``."""
+    from scipy.interpolate import CubicSpline
+    from scipy.ndimage import gaussian_filter1d, minimum_filter1d
+
+    low = minimum_filter1d(room, 121, mode="nearest")
+    smooth = gaussian_filter1d(low, 20.0, mode="nearest", truncate=3.0)
+    return np.asarray(CubicSpline(grid, smooth)(psi))
+
+
+def _close(legs: Limbs, qpos: Array, feet: tuple[Array, Array]) -> Array:
+    """Return the poses with both feet where they are to be."""
+    model, qpos = legs.model, qpos.copy()
+    state = legs.state(qpos)
+    point = legs.end_anchor
+    goal = legs.goal(state, feet[0], feet[1], point)
+    end = multiply(conjugate(state.base_quat), feet[1])
+    move = legs.close(state, goal, end)
+    for column, side in enumerate(_SIDES):
+        for part, dofs in (("hip", slice(0, 3)), ("knee", 3), ("ankle", slice(4, 7))):
+            address = int(model.joint(f"{side}_{part}").qposadr[0])
+            if part == "knee":
+                qpos[:, address] += move[:, column, dofs]
+            else:
+                quat = qpos[:, address : address + 4]
+                qpos[:, address : address + 4] = multiply(quat, exp(move[:, column, dofs]))
+    return qpos
+
+
+def _walk(model: mujoco.MjModel) -> Motion:
+    return make_walk(model, seconds=FRAMES / 30.0)
+
+
+def _part(segments: Sequence[Segment], model: mujoco.MjModel) -> Motion:
+    return make_walk(model, segments=segments)
+
+
+BUILTIN: dict[str, Callable[[mujoco.MjModel], Motion]] = {
+    "walk": _walk,
+    "start": partial(_part, (Segment("start"), Segment("straight", 1.0))),
+    "straight": partial(_part, (Segment("straight", 3.0),)),
+    "turn_left": partial(_part, (Segment("turn_left", 2.0),)),
+    "turn_right": partial(_part, (Segment("turn_right", 2.0),)),
+    "stop": partial(_part, (Segment("straight", 1.0), Segment("stop"))),
+}
