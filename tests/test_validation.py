@@ -240,6 +240,20 @@ def test_swing_clearance_and_what_is_asked_of_it(adapted, own, broken):
     assert 15 <= swing["frame"] < 25
 
 
+def test_every_swing_is_held_against_its_own_source():
+    model = build()
+    high, low = walk_over(0.05, model), walk_over(0.002, model)
+    source = np.concatenate((high, low))
+    contacts = STEP + tuple(Contact(c.site, c.start + 40, c.end + 40) for c in STEP)
+    # the first swing is lower than asked; the second as low as its own source, which is lower
+    result = check(model, np.concatenate((walk_over(0.004, model), low)), contacts, source)
+    assert result.metrics["swing_clearance_mm"] == pytest.approx(4.0)
+    assert result.metrics["source_swing_clearance_mm"] == pytest.approx(50.0)
+    assert result.broken() == ["swing_clearance_mm"]
+    assert result.broken({"swing_clearance_mm": 3}) == []
+    assert [swing["clearance_mm"] for swing in result.per_swing] == pytest.approx([4.0, 2.0])
+
+
 def test_source_clearance_is_over_the_sources_own_ground():
     model = build()
     source = walk_over(0.05, model)

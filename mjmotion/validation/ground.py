@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _Geom = mujoco.mjtGeom
 _AIR = 1e-3  # [m] less air than this between two solids is not free space
+_CHUNK = 16384  # points whose height is taken at once
 _FLAT = 1e-9  # a plane or field closer to upright than this is upright
 
 
@@ -148,6 +149,9 @@ class Ground:
 
         Between grid points the surface is MuJoCo's own two triangles a cell.
         """
+        if len(xy) > _CHUNK:  # what fits a core's cache is several times as fast
+            parts = np.array_split(xy, -(-len(xy) // _CHUNK))
+            return np.concatenate([self.field_height(geom, part) for part in parts])
         values, spacing = self.field_grid(geom)
         turn = self.matrix[geom][:2, :2]
         local = (xy - self.position[geom, :2]) @ turn

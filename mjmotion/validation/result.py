@@ -102,13 +102,11 @@ class Validation:
     def bounds(self, name: str, thresholds: Mapping[str, Threshold] | None = None) -> Threshold:
         """Return the bound that holds for a figure here: a number, (lower, upper), or None.
 
-        No more swing clearance is asked for than half of the source's own, where that is
-        positive; where the source's soles are under its ground, no less than the source has.
+        For swing clearance that is what is asked of the swing that the figure is of.
         """
         bound = (self.thresholds if thresholds is None else thresholds).get(name)
         if name == "swing_clearance_mm" and isinstance(bound, float):
-            own = self.metrics["source_swing_clearance_mm"]
-            return bound if math.isnan(own) else min(bound, own / 2 if own > 0 else own)
+            return asked_clearance(bound, self.metrics["source_swing_clearance_mm"])
         return bound
 
     def holds(self, name: str, thresholds: Mapping[str, Threshold] | None = None) -> bool | None:
@@ -118,7 +116,14 @@ class Validation:
             return None
         if isinstance(bound, tuple):
             return bound[0] <= value <= bound[1]
-        return value >= bound if name in AT_LEAST else value <= bound
+        if name == "swing_clearance_mm":  # every swing, each beside its own source
+            least = (self.thresholds if thresholds is None else thresholds)[name]
+            assert isinstance(least, float)
+            return all(
+                swing["clearance_mm"] >= asked_clearance(least, swing["source_clearance_mm"])
+                for swing in self.per_swing
+            )
+        return value <= bound
 
     def broken(self, thresholds: Mapping[str, object] | None = None) -> list[str]:
         """Return the names of all figures beyond their thresholds.
@@ -153,7 +158,16 @@ class Validation:
             return ""
         if isinstance(bound, tuple):
             return f"{bound[0]:g} to {bound[1]:g}"
-        return f"≥ {bound:.4g}" if name in AT_LEAST else f"≤ {bound:g}"
+        return f"≥ {bound:.3g}" if name in AT_LEAST else f"≤ {bound:g}"
+
+
+def asked_clearance(least: float, own: float) -> float:
+    """Return the clearance [mm] asked of a swing whose source has ``own``.
+
+    No more than half of the source's where that is positive; where the source's sole is under its
+    own ground, no less than that.
+    """
+    return min(least, own / 2 if own > 0 else own)
 
 
 def as_numbers(value: Any) -> Any:

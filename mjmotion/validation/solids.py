@@ -140,25 +140,24 @@ class Skin:
     Attributes:
       point: (n, 3) [m].
       normal: (k, 3) outward normals.
-      member: (k, n) 1 where a point lies on the side of a normal; None if each has its own.
+      side: (n, m) which normals belong to each point, some of them more than once.
     """
 
     point: Array
     normal: Array
-    member: NDArray[np.float32] | None
+    side: NDArray[np.int64]
 
     def facing_down(self, matrix: Array) -> NDArray[np.bool_]:
         """Return (nframe, n) which points are on the underside, for orientations (nframe, 3, 3)."""
         down = matrix[:, 2, :] @ self.normal.T < 1e-6
-        if self.member is None:
-            return np.asarray(down)
-        return np.asarray(down.astype(np.float32) @ self.member > 0.5)
+        facing = down[:, self.side[:, 0]]
+        for column in self.side.T[1:]:
+            facing |= down[:, column]
+        return np.asarray(facing)
 
     def keep(self, chosen: NDArray[np.bool_]) -> Skin:
         """Return the skin with some of its points (n,) only."""
-        if self.member is None:
-            return Skin(self.point[chosen], self.normal[chosen], None)
-        return Skin(self.point[chosen], self.normal, self.member[:, chosen])
+        return Skin(self.point[chosen], self.normal, self.side[chosen])
 
 
 def skin(solid: Solid, spacing: float, edge_spacing: float | None = None) -> Skin:
@@ -180,13 +179,16 @@ def skin(solid: Solid, spacing: float, edge_spacing: float | None = None) -> Ski
         _, first = np.unique(cell @ np.array([1, 1 << 20, 1 << 40]), return_index=True)
         point = point[np.sort(first)]
         size = np.ptp(solid.vertex, axis=0).max()
-        away = solid.plane[:, 3, None] - solid.plane[:, :3] @ point.T
-        return Skin(point, solid.plane[:, :3], (away < _ROUNDING * size).astype(np.float32))
+        member = solid.plane[:, 3] - point @ solid.plane[:, :3].T < _ROUNDING * size
+        # The normals of each point come first; where it has fewer than others, its first again.
+        side = np.argsort(~member, axis=1, kind="stable")[:, : int(member.sum(axis=1).max())]
+        side = np.where(np.take_along_axis(member, side, axis=1), side, side[:, :1])
+        return Skin(point, solid.plane[:, :3], side)
     if solid.kind in _ROUND:
         ball = _ball(max(6, int(np.ceil(np.pi * solid.size.max() / spacing))))
         normal = ball / solid.size
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        return Skin(ball * solid.size, normal, None)
+        return Skin(ball * solid.size, normal, np.arange(len(ball))[:, None])
     radius, half = solid.size[0], solid.size[1]
     count = max(6, int(np.ceil(2 * np.pi * radius / spacing)))
     angle = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
@@ -204,7 +206,8 @@ def skin(solid: Solid, spacing: float, edge_spacing: float | None = None) -> Ski
             for part in np.linspace(0.0, 1.0, max(2, int(np.ceil(radius / spacing)) + 1)):
                 points.append(part * radius * ring + np.array([0.0, 0.0, sign * half]))
                 normals.append(np.tile([0.0, 0.0, sign], (count, 1)))
-    return Skin(np.concatenate(points), np.concatenate(normals), None)
+    point = np.concatenate(points)
+    return Skin(point, np.concatenate(normals), np.arange(len(point))[:, None])
 
 
 def within(solid: Solid, points: Array, margin: float = 1e-6) -> NDArray[np.bool_]:

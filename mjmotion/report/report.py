@@ -1,0 +1,270 @@
+"""One report: figures, the trace of the fit, and what they are written to."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+
+import mjmotion
+from mjmotion.contacts import Contact, load_contacts
+from mjmotion.exceptions import MotionError, OutputError
+from mjmotion.motion import Motion
+from mjmotion.validation import Validation, validate
+from mjmotion.validation.result import as_numbers
+
+if TYPE_CHECKING:
+    from mjmotion.adapt import Adaptation
+    from mjmotion.report.page import Picture
+
+_JSON, _PAGE = "report.json", "report.html"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Report:
+    """What there is to say about one adapted motion.
+
+    Attributes:
+      source: the motion before adaptation.
+      motion: the adapted motion, on the model with the scene.
+      contacts: who stands when.
+      validation: the figures.
+      levels: a dict a level of the fit: level, frames_per_knot, seconds, max_error_percent.
+      fit_seconds: how long the whole fit took; None where no fit is known.
+      exact_error_percent: greatest error after the exact pass, percent of the character's height.
+      unmet: a dict a constraint that could not be met: constraint, frames, residual_mm.
+      title: what the page is called.
+    """
+
+    source: Motion
+    motion: Motion
+    contacts: tuple[Contact, ...]
+    validation: Validation
+    levels: tuple[dict[str, Any], ...] = ()
+    fit_seconds: float | None = None
+    exact_error_percent: float | None = None
+    unmet: tuple[dict[str, Any], ...] = ()
+    title: str = "Adapted motion"
+
+    @classmethod
+    def from_adaptation(
+        cls,
+        adaptation: Adaptation,
+        validation: Validation | None = None,
+        *,
+        title: str = "Adapted motion",
+    ) -> Report:
+        """Return the report of what ``adapt`` returned, validated here unless it was already."""
+        if validation is None:
+            validation = validate(adaptation.source, adaptation.motion, adaptation.contacts)
+        return cls(
+            adaptation.source,
+            adaptation.motion,
+            tuple(adaptation.contacts),
+            validation,
+            tuple(_level(level) for level in adaptation.trace.levels),
+            float(adaptation.trace.fit_seconds),
+            float(adaptation.trace.exact_error_percent),
+            tuple(dataclasses.asdict(unmet) for unmet in adaptation.unmet),
+            title,
+        )
+
+    @classmethod
+    def from_folder(
+        cls, folder: str | Path, *, thresholds: Mapping[str, object] | None = None
+    ) -> Report:
+        """Compute every figure again from the files that ``mjmotion adapt`` wrote.
+
+        Only what cannot be computed again (levels and time of the fit, what it could not meet)
+        comes from the ``report.json`` that is there, if there is one.
+
+        Args:
+          folder: with ``motion.npz``, ``source.npz``, ``model.xml`` and ``contacts.json``.
+          thresholds: changes to the default thresholds, by name.
+
+        Raises:
+          MotionError: a file is missing or damaged.
+        """
+        folder = Path(folder)
+        path = folder / "model.xml"
+        if not path.is_file():
+            raise MotionError(f"'{folder}' holds no model.xml: give a folder that adapt wrote")
+        try:
+            model = mujoco.MjModel.from_xml_path(str(path))
+        except (ValueError, mujoco.FatalError) as error:
+            reason = " ".join(str(error).split())
+            raise MotionError(f"'{path}' does not compile: {reason}") from error
+        motion = Motion.load(folder / "motion.npz", model)
+        source = Motion.load(folder / "source.npz", model)
+        contacts = tuple(load_contacts(folder / "contacts.json", model, motion.nframe))
+        return cls(
+            source,
+            motion,
+            contacts,
+            validate(source, motion, contacts, thresholds=thresholds),
+            title=folder.resolve().name,
+        ).with_earlier(folder)
+
+    def with_earlier(self, folder: str | Path) -> Report:
+        """Return the report with what an earlier ``report.json`` in ``folder`` knows of the fit.
+
+        Raises:
+          MotionError: that file is damaged.
+        """
+        path = Path(folder) / _JSON
+        if not path.is_file():
+            return self
+        try:
+            earlier = json.loads(path.read_text("utf-8"))
+            return dataclasses.replace(
+                self,
+                levels=tuple(dict(level) for level in earlier.get("levels") or ()),
+                fit_seconds=earlier.get("fit_seconds"),
+                exact_error_percent=earlier.get("exact_error_percent"),
+                unmet=tuple(dict(unmet) for unmet in earlier.get("unmet") or ()),
+            )
+        except (OSError, ValueError, TypeError, AttributeError) as error:
+            raise MotionError(
+                f"'{path}' is not a report of mjmotion ({error}): delete it and validate again"
+            ) from error
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Every figure by name, with its unit in the name."""
+        return self.validation.metrics
+
+    @cached_property
+    def broken(self) -> list[str]:
+        """Names of the figures beyond their thresholds."""
+        return self.validation.broken()
+
+    def table(self) -> str:
+        """Return the figures as text, for a terminal."""
+        return table(self.validation)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what ``report.json`` holds: plain numbers; None for what was not there to measure.
+
+        An infinite figure (a foot that stands on nothing) is None as well and among the broken.
+        """
+        figures = self.validation
+        whole = {
+            "mjmotion": mjmotion.__version__,
+            "nframe": figures.nframe,
+            "fps": figures.fps,
+            "levels": list(self.levels),
+            "fit_seconds": self.fit_seconds,
+            "exact_error_percent": self.exact_error_percent,
+            "metrics": figures.metrics,
+            "thresholds": {name: figures.bounds(name) for name in figures.thresholds},
+            "broken": self.broken,
+            "worst": {name: dataclasses.asdict(worst) for name, worst in figures.worst.items()},
+            "unmet": list(self.unmet),
+            "per_contact": figures.per_contact,
+            "per_swing": figures.per_swing,
+            "joint_jerk_rms": {
+                name: {"adapted": adapted, "source": source}
+                for name, (adapted, source) in figures.per_joint.items()
+            },
+        }
+        return dict(as_numbers(whole))
+
+    def html(self, poses: Sequence[Picture] = (), *, why_no_poses: str = "") -> str:
+        """Return the page: one file that needs nothing else.
+
+        Args:
+          poses: pictures of poses in order, RGB arrays (height, width, 3) or PNG files as bytes.
+          why_no_poses: what the page says where there are none.
+        """
+        from mjmotion.report.page import page  # loads matplotlib
+
+        return page(self, poses, why_no_poses)
+
+    def write(
+        self, folder: str | Path, poses: Sequence[Picture] = (), *, why_no_poses: str = ""
+    ) -> None:
+        """Write ``report.json`` and ``report.html`` into a folder, over what is there.
+
+        Args:
+          folder: where; it must exist.
+          poses: as in :meth:`html`.
+          why_no_poses: as in :meth:`html`.
+
+        Raises:
+          OutputError: the folder cannot be written to.
+        """
+        text = json.dumps(self.as_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        html = self.html(poses, why_no_poses=why_no_poses)
+        _replace(Path(folder) / _JSON, text)
+        _replace(Path(folder) / _PAGE, html)
+
+
+def table(validation: Validation) -> str:
+    """Return the figures as lines of aligned columns: figure, value, bound, verdict, worst."""
+    verdict = {True: "ok", False: "BROKEN", None: ""}
+    cells = [("figure", "value", "", "bound", "", "worst")]
+    for row in validation.summary():
+        cells.append(
+            (
+                row.label,
+                number(row.value),
+                row.unit,
+                row.threshold,
+                verdict[row.ok],
+                row.where,
+            )
+        )
+    width = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
+    lines = []
+    for line in cells:
+        label, value, unit, bound, ok, where = (
+            text.rjust(width[i]) if i == 1 else text.ljust(width[i]) for i, text in enumerate(line)
+        )
+        lines.append(f"{label}  {value} {unit}  {bound}  {ok}  {where}".rstrip())
+    return "\n".join(lines)
+
+
+def number(value: float) -> str:
+    """Return a figure as people read it: three decimals at most, ``–`` for none."""
+    if math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    if value != 0 and abs(value) < 1e-3:
+        return "0.000" if abs(value) < 1e-9 else f"{value:.1e}"
+    return f"{value:.3f}" if abs(value) < 100 else f"{value:.1f}"
+
+
+def _level(level: Any) -> dict[str, Any]:
+    return {
+        "level": int(level.level),
+        "frames_per_knot": float(level.frames_per_knot),
+        "seconds": float(level.seconds),
+        "max_error_percent": float(level.max_error_percent),
+    }
+
+
+def _replace(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    try:
+        handle, aside = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                file.write(text)
+            Path(aside).chmod(0o644)
+            Path(aside).replace(path)
+        except BaseException:
+            Path(aside).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise OutputError(
+            f"cannot write '{path}': {error.strerror}: give another folder"
+        ) from error
