@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.ankles import give
 from mjmotion.assets import find_asset
 from mjmotion.clearance import MARGIN, ObstacleClearance, Obstacles, find_obstacles
 from mjmotion.constraints import SiteConstraint
@@ -132,8 +133,18 @@ def plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = None) 
         for index, foot in enumerate(feet)
     )
     shift = root_shift(source, pose, paths)
+    given, standing = give(_shifted(source, shift), feet, paths, found)
+    if given != paths:
+        paths, found = given, standing
+        shift = root_shift(source, pose, paths)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
     return Plan(source, found, paths, footholds, shift, obstacles)
+
+
+def _shifted(motion: Motion, shift: Array) -> Motion:
+    qpos = np.array(motion.qpos)
+    qpos[:, :3] += shift
+    return motion.replace(qpos)
 
 
 def root_shift(source: Motion, pose: Pose, paths: Sequence[FootPath]) -> Array:
@@ -251,9 +262,7 @@ def _duck(
     Only frames that come too near an obstacle take part, so the displacement spreads smoothly to
     the frames around them, which full constraints at every frame would forbid.
     """
-    qpos = np.array(what.source.qpos)
-    qpos[:, :3] += what.root_shift
-    motion = what.source.replace(qpos)
+    motion = _shifted(what.source, what.root_shift)
     spacings = list(default_levels(motion.fps) if levels is None else levels)
     clearance.margin = DUCK_MARGIN
     for spacing in spacings[: max(1, len(spacings) - 2)]:

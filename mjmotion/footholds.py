@@ -30,6 +30,8 @@ EDGE_MARGIN = 0.015  # how far inside an edge a sole keeps [m]
 ROUGH = 0.006  # how far ground may be from the sole plane before a better spot is sought [m]
 SINK = 0.003  # how far the ground may rise into the sole [m]
 SEARCH_RADIUS = 0.34  # how far a foothold may move [m]
+APPROACH = 0.06  # how far before the toe and behind the heel no step may rise [m]
+STEP = 0.02  # a rise there that counts as a step [m]
 _RINGS, _RAYS = 17, 16
 _ANKLE = 0.10  # height over the sole at which walls are felt for [m]
 
@@ -44,6 +46,7 @@ class Foot:
       site: name of the site that is posed, on the sole under the ankle.
       heel, toe: (3,) the contact sites in the posed site's frame [m].
       sole: (k, 3) points of the sole, its outline and its inside, in the same frame [m].
+      shape: (k, 3) points of the whole foot's surface, in the same frame [m].
     """
 
     side: str
@@ -52,6 +55,7 @@ class Foot:
     heel: Array
     toe: Array
     sole: Array
+    shape: Array
 
 
 def find_feet(model: mujoco.MjModel) -> tuple[Foot, ...]:
@@ -80,10 +84,19 @@ def find_feet(model: mujoco.MjModel) -> tuple[Foot, ...]:
         points = (body_points(model, body) - origin) @ frame
         low = points[points[:, 2] < points[:, 2].min() + SOLE_BAND]
         sole = np.concatenate((local, _fill(low)))
-        feet.append(Foot(side, body, f"{side}_foot", local[0], local[1], sole))
+        shape = np.concatenate((sole, _hull(points)))
+        feet.append(Foot(side, body, f"{side}_foot", local[0], local[1], sole, shape))
     if not feet:
         raise ModelError("the model has no feet: name sites <side>_heel, <side>_toe, <side>_foot")
     return tuple(feet)
+
+
+def _hull(points: Array) -> Array:
+    """Corners of the convex hull of points, thinned to a hundred."""
+    from scipy.spatial import ConvexHull
+
+    corners = points[ConvexHull(points).vertices]
+    return corners[:: max(1, len(corners) // 100)]
 
 
 def _fill(points: Array) -> Array:
@@ -250,9 +263,11 @@ class _Placed:
 
 def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
     """Set a foot down at spots (n, 3): tilt it through the ground under heel, toe and sides."""
-    margin = 1.0 + EDGE_MARGIN / np.maximum(np.linalg.norm(foot.sole[:, :2], axis=1), 0.03)
-    probe = foot.sole * np.column_stack((margin, margin, np.ones(len(margin))))
-    offset = rotate(yaw, np.concatenate((foot.sole[:2], probe)))
+    margin = 1.0 + EDGE_MARGIN / np.maximum(np.linalg.norm(foot.sole[2:, :2], axis=1), 0.03)
+    probe = foot.sole[2:] * np.column_stack((margin, margin, np.ones(len(margin))))
+    ahead = APPROACH * normalized((foot.toe - foot.heel) * (1.0, 1.0, 0.0))
+    ends = (foot.heel, foot.toe, foot.heel - ahead, foot.toe + ahead)
+    offset = rotate(yaw, np.concatenate((ends, probe)))
     points = spots[:, None] + offset * (1.0, 1.0, 0.0)
     heights, normals = ground.under(points)
     missing = np.isnan(heights)
@@ -273,9 +288,13 @@ def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
     # How far the true ground is from the plane of the sole, above it and below it.
     above = ((points + (0, 0, 1) * (heights - points[..., 2])[..., None] - position[:, None])
              * normal[:, None]).sum(axis=-1) - foot.sole[0, 2]
+    step = (above[:, 2:4] > STEP + np.abs(along[:, 2:]) * APPROACH).any(axis=1)
+    above = np.delete(above, (2, 3), axis=1)
     rise = above[:, 2:].max(axis=1)
     position = position + normal * np.maximum(0.0, rise - SINK)[:, None]
+    # A step close before the toe or behind the heel is no fault of the ground, only in the way.
     fault = np.abs(above).max(axis=1) + missing.sum(axis=1)
+    fault = np.where(step, np.maximum(fault, 2.0 * ROUGH), fault)
     return _Placed(position, quat, normal, fault)
 
 

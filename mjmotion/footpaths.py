@@ -159,16 +159,18 @@ def _turned(foot: Foot, holds: _Holds, base: Array, time: float) -> Array:
     w, x, y, z = np.moveaxis(multiply(conjugate(holds.quat), base), -1, 0)
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    pitch = np.where(holds.heel, np.minimum(pitch, 0.0), np.maximum(pitch, 0.0))
+    single = np.where(holds.heel, np.minimum(pitch, 0.0), np.maximum(pitch, 0.0))
+    pitch = np.where(holds.flat, pitch, single)
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     s = np.clip(np.abs(pitch) / ROLL_PITCH, 0.0, 1.0)
     zero = np.zeros_like(yaw)
     rolled = multiply(yaw_quat(yaw), exp(np.stack((zero, pitch, zero), axis=-1)))
     rolled = multiply(rolled, exp(np.stack((roll * s * s * (3.0 - 2.0 * s), zero, zero), axis=-1)))
-    wanted = np.where(holds.flat[:, None], holds.quat, multiply(holds.quat, rolled))
-    correction = log(multiply(conjugate(base), wanted))
-    quat = multiply(base, exp(fade(holds.any, correction, time)))
-    quat[holds.any] = wanted[holds.any]
+    allowed = multiply(holds.quat, rolled)
+    # First what a contact allows, faded into the swings; then flat, faded into all that is not.
+    quat = multiply(base, exp(fade(holds.any, log(multiply(conjugate(base), allowed)), time)))
+    quat = multiply(quat, exp(fade(holds.flat, log(multiply(conjugate(quat), holds.quat)), time)))
+    quat[holds.flat] = holds.quat[holds.flat]
     return normalized(quat)
 
 
@@ -187,7 +189,7 @@ def _lift(
     swing = np.flatnonzero(~stance)
     if len(swing) == 0:
         return np.zeros(len(stance))
-    sole = position[swing, None] + rotate(quat[swing, None], foot.sole[None])
+    sole = position[swing, None] + rotate(quat[swing, None], foot.shape[None])
     height, _ = ground.under(sole)
     over = np.where(np.isnan(height), np.inf, sole[..., 2] - height).min(axis=1)
     # The source stands on level ground, at the height its own stances show.

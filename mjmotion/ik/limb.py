@@ -285,6 +285,10 @@ class Limbs:
         ankle = log(multiply(conjugate(state.ankle_turn), ankle_turn))
         return np.concatenate((log(turn), (angle - state.angle)[..., None], ankle), axis=-1)
 
+    def ankle_turn(self, state: LimbState, displacement: Array) -> Array:
+        """Return the ankles' own quaternions (n, nlimb, 4) after a displacement (n, nlimb, 7)."""
+        return multiply(state.ankle_turn, exp(displacement[..., 4:]))
+
     def closure(self, state: LimbState) -> tuple[Array, Array]:
         """Return how a limb's joints follow when its base moves and its end stays.
 
