@@ -28,6 +28,7 @@ from mjmotion.fit import Fit, Trace, Unmet, default_levels, fit
 from mjmotion.footholds import Foothold, find_feet, find_footholds, find_stances
 from mjmotion.footpaths import FootPath, foot_path
 from mjmotion.ik.limb import Limbs, find_limbs
+from mjmotion.ik.solver import default_weights
 from mjmotion.kinematics import Kinematics, Pose
 from mjmotion.motion import Motion
 from mjmotion.rotations import multiply, rotate, yaw_quat
@@ -42,6 +43,7 @@ DUCK_MARGIN = 0.05  # distance kept while the way through is found, more than in
 REACH_FREE = 0.97  # share of a leg's length that a root path may always ask for
 REACH_MOST = 0.995  # the most it may ask for, where the source did
 DROP_TIME = 0.2  # scale of the root's fall and rise where a leg would not reach [s]
+ROOT_STIFFNESS = 15.0  # how much stiffer the root is than elsewhere: its path is planned
 STUCK = 0.02  # deeper than this in an obstacle after all, and the way is barred [m]
 
 
@@ -235,6 +237,7 @@ def adapt(
         levels=levels,
         tolerance=tolerance,
         ik=ik,
+        weights=stiff_root(clip.model),
         clearance=clearance,
         first_guess=shift,
     )
@@ -248,6 +251,13 @@ def adapt(
         result.unmet,
         spec,
     )
+
+
+def stiff_root(model: mujoco.MjModel) -> Array:
+    """Return rigidities (nv,) for a fit whose root has its path already: the legs do the rest."""
+    weights = default_weights(model)
+    weights[:6] *= ROOT_STIFFNESS
+    return weights
 
 
 def _duck(
@@ -294,7 +304,7 @@ def _duck(
 
 def _check_passage(clearance: ObstacleClearance, result: Fit) -> None:
     lacking = clearance(result.motion.qpos, np.arange(result.motion.nframe))
-    deep = lacking.needed - clearance.margin
+    deep = -lacking.distance
     if (deep > STUCK).any():
         frames = np.unique(lacking.frame[deep > STUCK])
         raise SceneError(
@@ -305,4 +315,4 @@ def _check_passage(clearance: ObstacleClearance, result: Fit) -> None:
         )
 
 
-__all__ = ["Adaptation", "Plan", "adapt", "place", "plan", "root_shift"]
+__all__ = ["Adaptation", "Plan", "adapt", "place", "plan", "root_shift", "stiff_root"]

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 MARGIN = 0.03  # how far within its range an ankle is kept [rad]
 GIVE_TIME = 0.1  # scale of the giving's rise and fall [s]
+SHORTEST = 0.07  # what is left of a contact is dropped when it is shorter [s]
 _ROUNDS = 3
 _LIFTED = 5e-4  # a heel this far off its foothold no longer stands [m]
 
@@ -57,7 +58,7 @@ def give(
                     break
                 path = turned
             if path is not flat:
-                left = _standing(left, foot, flat, path)
+                left = _standing(left, foot, flat, path, SHORTEST * motion.fps)
         given.append(path)
     return tuple(given), tuple(left)
 
@@ -96,7 +97,7 @@ def _turn_back(motion: Motion, limbs: Limbs, foot: Foot, path: FootPath) -> Foot
 
 
 def _standing(
-    contacts: Sequence[Contact], foot: Foot, flat: FootPath, path: FootPath
+    contacts: Sequence[Contact], foot: Foot, flat: FootPath, path: FootPath, shortest: float
 ) -> list[Contact]:
     """Cut a foot's heel contacts to the longest stretch in which the heel is still down."""
     before = flat.position + rotate(flat.quat, foot.heel)
@@ -111,5 +112,7 @@ def _standing(
         runs = np.flatnonzero(np.diff(down)).reshape(-1, 2)
         if len(runs):
             start, end = runs[np.argmax(runs[:, 1] - runs[:, 0])]
+            if end - start < shortest:
+                continue
             kept.append(Contact(contact.site, contact.start + int(start), contact.start + int(end)))
     return sorted(kept, key=lambda contact: (contact.start, contact.site))

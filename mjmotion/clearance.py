@@ -25,7 +25,8 @@ from mjmotion.shapes import geom_points
 
 Array = NDArray[np.float64]
 
-MARGIN = 0.03  # distance kept from obstacles [m]
+MARGIN = 0.03  # distance kept from what cannot be stepped over [m]
+STEP_MARGIN = 0.006  # distance kept from steps, on which a foot and so a shin is at home [m]
 DRAWN = 0.22  # how far before and after itself a tall obstacle counts [m]
 STEP_HEIGHT = 0.45  # an obstacle whose top is higher over the ground cannot be stepped over [m]
 _NEAR = 1.3  # an obstacle this far from the root's path is out of reach [m]
@@ -47,10 +48,12 @@ class Obstacles:
     Attributes:
       names: of the geoms they come from.
       points: one array an obstacle, drawn out where it is tall.
+      tall: whether it cannot be stepped over.
     """
 
     names: tuple[str, ...]
     points: tuple[Array, ...]
+    tall: tuple[bool, ...]
 
 
 def convex_obstacles(model: mujoco.MjModel) -> NDArray[np.int64]:
@@ -96,7 +99,7 @@ def find_obstacles(
     geoms = convex_obstacles(scene)
     data = mujoco.MjData(scene)
     mujoco.mj_kinematics(scene, data)
-    names, points = [], []
+    names, points, tall = [], [], []
     way = np.gradient(root_path[:, :2], axis=0) if len(root_path) > 1 else np.ones((1, 2))
     stands = np.array([foothold.position for foothold in footholds]).reshape(-1, 3)
     for geom in geoms:
@@ -110,7 +113,8 @@ def find_obstacles(
             continue
         apart = np.maximum(0.0, np.maximum(low - stands, stands - high))[:, :2]
         ground = stands[np.argmin(np.hypot(apart[:, 0], apart[:, 1])), 2] if len(stands) else 0.0
-        if high[2] - ground > STEP_HEIGHT:
+        tall.append(bool(high[2] - ground > STEP_HEIGHT))
+        if tall[-1]:
             close = distance < distance[nearest] + 0.3
             along = way[close].sum(axis=0)
             along = along / max(float(np.linalg.norm(along)), 1e-9)
@@ -118,7 +122,7 @@ def find_obstacles(
             surface = np.concatenate((surface - drawn, surface + drawn))
         names.append(scene.geom(int(geom)).name or f"geom {geom}")
         points.append(surface)
-    return Obstacles(tuple(names), tuple(points))
+    return Obstacles(tuple(names), tuple(points), tuple(tall))
 
 
 class ObstacleClearance:
@@ -142,6 +146,7 @@ class ObstacleClearance:
     ) -> None:
         self.obstacles = obstacles
         self.margin = margin
+        self._tall = np.array(obstacles.tall, dtype=bool)
         spec = character.copy()
         for number, points in enumerate(obstacles.points):
             name = f"mjmotion_obstacle_{number}"
@@ -183,7 +188,9 @@ class ObstacleClearance:
         assert pose.geom_xpos is not None and pose.geom_xmat is not None
         frame, geom, wall = self._close_pairs(pose.geom_xpos)
         distance, ends = self._distances(pose.geom_xpos, pose.geom_xmat, frame, geom, wall)
-        lacking = distance < self.margin
+        margin = self._margins[wall]
+        lacking = distance < margin
+        margin = margin[lacking]
         frame, geom, distance = frame[lacking], geom[lacking], distance[lacking]
         body_end, wall_end = ends[lacking, 0], ends[lacking, 1]
         apart = np.where(distance[:, None] >= 0.0, body_end - wall_end, wall_end - body_end)
@@ -192,12 +199,17 @@ class ObstacleClearance:
         normal = apart[known] / length[known]
         bodies = self.model.geom_bodyid[geom[known]]
         jacobian = pose.rows(frame[known], body_end[known], bodies, normal)
-        return Inequalities(rows[frame[known]], jacobian, self.margin - distance[known])
+        needed = (margin - distance)[known]
+        return Inequalities(rows[frame[known]], jacobian, needed, distance[known])
 
     def _nothing(self) -> Inequalities:
         return Inequalities(
-            np.empty(0, np.int64), np.empty((0, self.model.nv)), np.empty(0)
+            np.empty(0, np.int64), np.empty((0, self.model.nv)), np.empty(0), np.empty(0)
         )
+
+    @property
+    def _margins(self) -> Array:
+        return np.where(self._tall, self.margin, STEP_MARGIN)
 
     def _near_root(self, qpos: Array) -> NDArray[np.bool_]:
         """Frames whose root is within a body's length of some obstacle."""
@@ -211,7 +223,7 @@ class ObstacleClearance:
         """Frame, geom and obstacle number of pairs whose bounding shapes come within the margin."""
         centre = geom_xpos[:, self.geoms, None]
         gap = np.maximum(0.0, np.maximum(self._low - centre, centre - self._high))
-        bound = self.model.geom_rbound[self.geoms][None, :, None] + self.margin
+        bound = self.model.geom_rbound[self.geoms][None, :, None] + self._margins
         frame, geom, wall = np.nonzero(np.einsum("fgoi,fgoi->fgo", gap, gap) < bound * bound)
         return frame, self.geoms[geom], wall
 
@@ -239,23 +251,3 @@ class ObstacleClearance:
                 model, data, int(geom[number]), int(self._walls[wall[number]]), limit, ends[number]
             )
         return distance, ends.reshape(-1, 2, 3)
-
-
-def worst(clearance: ObstacleClearance, qpos: Array) -> tuple[float, NDArray[np.int64]]:
-    """Return how deep a body is in an obstacle at worst [m], and the frames that are in one."""
-    lacking = clearance(qpos, np.arange(len(qpos)))
-    inside = lacking.needed > clearance.margin
-    if not inside.any():
-        return 0.0, np.empty(0, np.int64)
-    return float(lacking.needed.max() - clearance.margin), np.unique(lacking.frame[inside])
-
-
-__all__ = [
-    "MARGIN",
-    "ObstacleClearance",
-    "Obstacles",
-    "convex_obstacles",
-    "find_obstacles",
-
-    "worst",
-]

@@ -31,11 +31,13 @@ class Inequalities:
       frame: (m,) which of the poses handed in.
       rows: (m, nv).
       needed: (m,) [m]; positive where the pose breaks the wish.
+      distance: (m,) signed distance to what is to be kept clear of [m].
     """
 
     frame: NDArray[np.int64]
     rows: Array
     needed: Array
+    distance: Array
 
 
 class Clearance(Protocol):
