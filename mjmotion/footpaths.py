@@ -34,10 +34,10 @@ from mjmotion.smoothing import envelope, fade
 Array = NDArray[np.float64]
 
 FADE_TIME = 0.04  # what a contact took away dies out as exp(-t / this) [s]
-ROLL_PITCH = 0.35  # pitch on one contact from which the foot may roll as it likes [rad]
+ROLL_PITCH = 0.6  # pitch on one contact from which the foot may roll as it likes [rad]
 LIFT_TIME = 0.12  # scale of a lift's rise and fall [s]
 CLEARANCE = 0.022  # most clearance that a swing is given on its own account [m]
-CLEARANCE_SHARE = 0.8  # share of the source's clearance that a swing keeps, up to that
+CLEARANCE_SHARE = 1.0  # share of the source's clearance that a swing keeps, up to that
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
