@@ -24,7 +24,7 @@ MAP: tuple[tuple[str, ...], ...] = (
     ("footholds",),
     ("footpaths",),
     ("ik",),
-    ("clearance",),
+    ("ankles", "clearance"),
     ("fit",),
     ("clips",),
     ("adapt",),
