@@ -1,0 +1,1 @@
+"""The parts of ``scripts/benchmark.py``: quality, levels, speed, command line, README."""
