@@ -96,10 +96,14 @@ def detect_contacts(
     pose = Kinematics(motion.model, motion.nframe).forward(motion.qpos)
     position = _moving_average(pose.site_xpos[:, ids], settings.smoothing * motion.fps)
     speed = _speed(position, motion.fps)
-    ground = _ground(position[..., 2], speed, settings, motion.fps)
+    bodies = motion.model.site_bodyid[ids]
+    grounds = {
+        body: _ground(position[:, bodies == body, 2], speed[:, bodies == body], settings, motion.fps)
+        for body in np.unique(bodies)
+    }
     found = []
     for column, name in enumerate(chosen):
-        height = position[:, column, 2] - ground
+        height = position[:, column, 2] - grounds[bodies[column]]
         pace = speed[:, column]
         begin = (height < settings.low) & (pace < settings.slow)
         stay = (height < settings.high) & (pace < settings.fast)
@@ -130,9 +134,10 @@ def _speed(position: Array, fps: float) -> Array:
 
 
 def _ground(height: Array, speed: Array, settings: ContactSettings, fps: float) -> Array:
-    """Ground height at each frame [m]: the lowest slow site within the window, smoothed.
+    """Ground height under one foot at each frame [m]: its lowest slow site within the window.
 
-    A site that rests is on the ground; where none rests (a jump, a run) the last ground goes on.
+    A foot that rests is on the ground, and each foot may have its own, as on stairs; where it does
+    not rest (a jump, a long swing) the height goes on from one rest to the next.
     """
     from scipy.ndimage import minimum_filter1d, uniform_filter1d
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,15 +30,19 @@ from mjmotion.rotations import (
     yaw_quat,
 )
 from mjmotion.scene.ground import Ground
-from mjmotion.smoothing import envelope, fade
+from mjmotion.smoothing import blend, envelope, fade
 
 Array = NDArray[np.float64]
 
-FADE_TIME = 0.04  # what a contact took away dies out as exp(-t / this) [s]
-ROLL_PITCH = 0.6  # pitch on one contact from which the foot may roll as it likes [rad]
+FADE_TIME = 0.03  # what a contact took away dies out as exp(-t / this) [s]
+DIP = 0.001  # how far a foot that rolls on one contact may dig in with its side [m]
+STUCK = 0.002  # how far in a step a lifted foot may be before it is held back [m]
+LIFT_PULL = 60.0  # acceleration with which a foot can be lifted off, or set down [m/s²]
 LIFT_TIME = 0.12  # scale of a lift's rise and fall [s]
 CLEARANCE = 0.022  # most clearance that a swing is given on its own account [m]
-CLEARANCE_SHARE = 1.0  # share of the source's clearance that a swing keeps, up to that
+CLEARANCE_MORE = 0.0015  # clearance that a swing gets over its source's, up to that [m]
+_INSIST = 20.0  # how much what a contact allows counts against smoothness
+PULL_BACK = 0.7  # share of a swing in which a foot may be held back from a step, at either end
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -98,8 +103,9 @@ def foot_path(
     held = holds.site_position(quat)
     position = position + fade(holds.any, held - position, FADE_TIME * fps)
     position[holds.any] = held[holds.any]
-    lift = _lift(foot, position, quat, source_pos, source_quat, holds.any, mine, ground, fps)
-    position[:, 2] += lift
+    wanted = _wanted_clearance(foot, source_pos, source_quat, mine, nframe)
+    step_over = _StepOver(foot, quat, wanted, holds.any, ground, fps)
+    position, lift = step_over(position, mine)
     return FootPath(foot.site, position, quat, shift, holds.any, lift)
 
 
@@ -154,7 +160,7 @@ def _turned(foot: Foot, holds: _Holds, base: Array, time: float) -> Array:
     """Orientation: the foothold's while flat, the carried source's else, smooth where they meet.
 
     On one contact the foot keeps the source's yaw, and its pitch unless that is into the ground. Its
-    roll comes with the pitch: a rigid sole that rolls while it is nearly flat digs in with a side.
+    roll comes with the pitch: a rigid sole that rolls while it is nearly flat digs in its side.
     """
     w, x, y, z = np.moveaxis(multiply(conjugate(holds.quat), base), -1, 0)
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
@@ -162,42 +168,129 @@ def _turned(foot: Foot, holds: _Holds, base: Array, time: float) -> Array:
     single = np.where(holds.heel, np.minimum(pitch, 0.0), np.maximum(pitch, 0.0))
     pitch = np.where(holds.flat, pitch, single)
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    s = np.clip(np.abs(pitch) / ROLL_PITCH, 0.0, 1.0)
     zero = np.zeros_like(yaw)
-    rolled = multiply(yaw_quat(yaw), exp(np.stack((zero, pitch, zero), axis=-1)))
-    rolled = multiply(rolled, exp(np.stack((roll * s * s * (3.0 - 2.0 * s), zero, zero), axis=-1)))
+    pitched = multiply(yaw_quat(yaw), exp(np.stack((zero, pitch, zero), axis=-1)))
+    # Heights over the surface are all but linear in the roll: keep as much as digs in by DIP.
+    arm = foot.sole - np.where(holds.heel[:, None], foot.heel, foot.toe)[:, None]
+    rolled = multiply(pitched, exp(np.stack((roll, zero, zero), axis=-1)))
+    level, rolls = (rotate(turn[:, None], arm)[..., 2] for turn in (pitched, rolled))
+    share = np.where(rolls < level, (level + DIP) / np.maximum(level - rolls, 1e-9), 1.0)
+    roll = roll * np.clip(share.min(axis=1), 0.0, 1.0)
+    rolled = multiply(pitched, exp(np.stack((roll, zero, zero), axis=-1)))
     allowed = multiply(holds.quat, rolled)
-    # First what a contact allows, faded into the swings; then flat, faded into all that is not.
-    quat = multiply(base, exp(fade(holds.any, log(multiply(conjugate(base), allowed)), time)))
+    # First towards what a contact allows, smoothly; then flat, faded into all that is not flat.
+    correction = log(multiply(conjugate(base), allowed))
+    quat = multiply(base, exp(blend(_INSIST * holds.any, correction, time)))
     quat = multiply(quat, exp(fade(holds.flat, log(multiply(conjugate(quat), holds.quat)), time)))
     quat[holds.flat] = holds.quat[holds.flat]
     return normalized(quat)
 
 
-def _lift(
+def _wanted_clearance(
     foot: Foot,
-    position: Array,
-    quat: Array,
     source_pos: Array,
     source_quat: Array,
-    stance: NDArray[np.bool_],
     mine: Sequence[tuple[Stance, Foothold]],
-    ground: Ground,
-    fps: float,
+    nframe: int,
 ) -> Array:
-    """How much the foot must rise for its sole to clear the ground (nframe,) [m]."""
-    swing = np.flatnonzero(~stance)
-    if len(swing) == 0:
-        return np.zeros(len(stance))
-    sole = position[swing, None] + rotate(quat[swing, None], foot.shape[None])
-    height, _ = ground.under(sole)
-    over = np.where(np.isnan(height), np.inf, sole[..., 2] - height).min(axis=1)
-    # The source stands on level ground, at the height its own stances show.
-    frames = np.array([0.5 * (s.start + s.end) for s, _ in mine])
-    level = np.interp(np.arange(len(stance)), frames, [s.source_pos[2] for s, _ in mine])
-    source_sole = source_pos[swing, None] + rotate(source_quat[swing, None], foot.sole[None])
-    source_over = source_sole[..., 2].min(axis=1) - level[swing]
-    wanted = np.clip(CLEARANCE_SHARE * source_over, 0.0, CLEARANCE)
-    need = np.full(len(stance), -np.inf)
-    need[swing] = wanted - over
-    return envelope(need, stance, LIFT_TIME * fps)
+    """Clearance that a swing should have at each frame (nframe,) [m]: the source's, up to a bound.
+
+    The source stands on level ground, at the heights that its own stances show.
+    """
+    frames = [0.5 * (stance.start + stance.end) for stance, _ in mine]
+    level = np.interp(np.arange(nframe), frames, [stance.source_pos[2] for stance, _ in mine])
+    sole = source_pos[:, None] + rotate(source_quat[:, None], foot.sole[None])
+    over = sole[..., 2].min(axis=1) - level
+    return np.where(over > 0.0, np.minimum(over + CLEARANCE_MORE, CLEARANCE), 0.0)
+
+
+class _StepOver:
+    """Takes a foot over the ground between its stances: lifted, and held back before steps."""
+
+    def __init__(
+        self,
+        foot: Foot,
+        quat: Array,
+        wanted: Array,
+        stance: NDArray[np.bool_],
+        ground: Ground,
+        fps: float,
+    ) -> None:
+        self._shape = rotate(quat[:, None], foot.shape[None])
+        self._wanted, self._stance, self._ground, self._fps = wanted, stance, ground, fps
+        self._swing = np.flatnonzero(~stance)
+        # A foot cannot be up at once: what it could rise in the time since its stance bounds a lift.
+        apart = _frames_to(stance) / fps
+        self._most = np.where(np.isfinite(apart), 0.5 * LIFT_PULL * apart**2, 10.0)
+
+    def __call__(
+        self, position: Array, mine: Sequence[tuple[Stance, Foothold]]
+    ) -> tuple[Array, Array]:
+        """Return positions (nframe, 3) that clear the ground, and the lifts (nframe,) [m]."""
+        lacking = self._lacking(position, self._swing)
+        lift = self._lift(lacking)
+        inside = lacking - self._wanted - lift
+        stuck = self._swing[inside[self._swing] > STUCK]
+        if len(stuck):
+            position = self._held_back(position, lift, stuck, mine)
+            lift = self._lift(self._lacking(position, self._swing))
+        lifted = position.copy()
+        lifted[:, 2] += lift
+        return lifted, lift
+
+    def _lacking(self, position: Array, frames: NDArray[np.int64]) -> Array:
+        """How much higher the foot would have to be (nframe,) [m]; -inf elsewhere."""
+        points = position[frames, None] + self._shape[frames]
+        height, _ = self._ground.under(points)
+        over = np.where(np.isnan(height), np.inf, points[..., 2] - height).min(axis=1)
+        lacking = np.full(len(position), -np.inf)
+        lacking[frames] = self._wanted[frames] - over
+        return lacking
+
+    def _lift(self, lacking: Array) -> Array:
+        return envelope(np.minimum(lacking, self._most), self._stance, LIFT_TIME * self._fps)
+
+    def _held_back(
+        self,
+        position: Array,
+        lift: Array,
+        stuck: NDArray[np.int64],
+        mine: Sequence[tuple[Stance, Foothold]],
+    ) -> Array:
+        """Hold the foot back in the plane where it cannot be lifted in time, as before a riser."""
+        back = position.copy()
+        ends = [(before.end, after.start) for (before, _), (after, _) in pairwise(mine)]
+        for end, start in ends:
+            for anchor, first, last in (
+                (end - 1, end, end + round(PULL_BACK * (start - end))),
+                (start, start - round(PULL_BACK * (start - end)), start),
+            ):
+                near_end = 2 * np.abs(stuck - anchor) <= start - end
+                frames = stuck[(stuck >= end) & (stuck < start) & near_end]
+                if len(frames) == 0:
+                    continue
+                need = np.full(len(position), -np.inf)
+                for share in (1.0, 0.75, 0.5, 0.25):
+                    trial = position.copy()
+                    trial[frames, :2] += share * (position[anchor, :2] - position[frames, :2])
+                    inside = self._lacking(trial, frames)[frames] - self._wanted[frames] - lift[frames]
+                    clear = inside <= DIP
+                    need[frames[clear]] = share
+                closed = np.ones(len(position), dtype=bool)
+                margin = max(1, round(0.1 * self._fps))
+                closed[max(0, first - (margin if anchor < first else 0)) : last] = False
+                if anchor >= last:
+                    closed[last : last + margin] = False
+                share_curve = envelope(need, closed, LIFT_TIME * self._fps)
+                part = slice(end, start)
+                pull = np.minimum(share_curve[part], 1.0)[:, None]
+                back[part, :2] += pull * (position[anchor, :2] - position[part, :2])
+        return back
+
+
+def _frames_to(mask: NDArray[np.bool_]) -> Array:
+    """Distance of each frame to the nearest one in the mask; inf when there is none."""
+    index = np.arange(len(mask))
+    before = np.maximum.accumulate(np.where(mask, index, -np.inf))
+    after = np.minimum.accumulate(np.where(mask, index, np.inf)[::-1])[::-1]
+    return np.minimum(index - before, after - index)

@@ -53,8 +53,9 @@ def _solve(band: Array, right: Array, fixed: NDArray[np.bool_], values: Array) -
 def fade(fixed: NDArray[np.bool_], values: Array, time: float) -> Array:
     """Return the curves that are ``values`` at the fixed frames and else fade to zero smoothly.
 
-    They minimise ``τ⁶ |Δ³e|² + 3 τ⁴ |Δ²e|² + 3 τ² |Δe|² + |e|²``, whose solutions leave a fixed
-    stretch with its own slope and curvature and die out as ``exp(-t/τ)`` without swinging over.
+    They minimise ``τ⁴ |Δ²e|² + 2 τ² |Δe|² + |e|²``, whose solutions leave a fixed stretch with its
+    own slope and die out as ``exp(-t/τ)``. Following its curvature too would swing far over where a
+    contact stops a foot short.
 
     Args:
       fixed: (nframe,) where values are given.
@@ -67,8 +68,30 @@ def fade(fixed: NDArray[np.bool_], values: Array, time: float) -> Array:
     nframe = len(fixed)
     if nframe < 5 or fixed.all() or not fixed.any():
         return np.where(fixed[:, None], values, 0.0)
-    band = _energy(nframe, (1.0, 3.0 * time**2, 3.0 * time**4, time**6))
+    band = _energy(nframe, (1.0, 2.0 * time**2, time**4, 0.0))
     return _solve(band, np.zeros_like(values), fixed, values)
+
+
+def blend(weight: Array, values: Array, time: float) -> Array:
+    """Return smooth curves near ``values`` where ``weight`` says so, and near zero elsewhere.
+
+    They minimise ``τ⁶ |Δ³e|² + 3 τ⁴ |Δ²e|² + 3 τ² |Δe|² + |e|² + weight |e − values|²``.
+
+    Args:
+      weight: (nframe,) how much the values count against zero and against smoothness.
+      values: (nframe, k).
+      time: τ [frames].
+
+    Returns:
+      (nframe, k).
+    """
+    nframe = len(weight)
+    if nframe < 5:
+        return values * (weight / (1.0 + weight))[:, None]
+    band = _energy(nframe, (1.0, 3.0 * time**2, 3.0 * time**4, time**6))
+    band[0] += weight
+    free = np.zeros(nframe, dtype=bool)
+    return _solve(band, weight[:, None] * values, free, values)
 
 
 def envelope(need: Array, fixed: NDArray[np.bool_], time: float) -> Array:

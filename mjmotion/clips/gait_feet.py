@@ -13,15 +13,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.clips.gait_plan import Steps
+from mjmotion.clips.gait_plan import Steps, ease
 from mjmotion.clips.gait_table import GaitTable
 
 Array = NDArray[np.float64]
 
 STRIKE = np.deg2rad(19.0)  # toes up at heel strike of a full stride
-PUSH = np.deg2rad(44.0)  # heel up at its toe-off
+PUSH = np.deg2rad(52.0)  # heel up at its steepest
 LEAST_PUSH = 0.45  # share of that even for the smallest step
-_LANDING_POWER, _PUSH_POWER = 2.4, 2.3
+_EARLY = 0.03  # how long before the heel strike the toes begin to fall [cycles]
+_HIGHEST = 0.68  # when the foot is steepest, soon after toe-off [cycles]
 _STEP = 1e-3  # of the numeric derivatives [cycles]
 _BUMP = 96  # samples of a swing's shape
 
@@ -57,11 +58,11 @@ def stance(steps: Steps, index: Array, psi: Array, table: GaitTable, shape: Foot
     phase = psi - steps.strike[index]
     standing_in = (index == 0) & steps.first
     standing_out = (index == len(steps.strike) - 1) & steps.last
-    early = np.maximum(1.0 - phase / table.foot_flat, 0.0)
-    landing = np.where(standing_in, 0.0, STRIKE * steps.landing[index] * early**_LANDING_POWER)
-    late = np.maximum((phase - table.heel_off) / (table.toe_off - table.heel_off), 0.0)
+    early = 1.0 - ease((phase + _EARLY) / (table.foot_flat + _EARLY))
+    landing = np.where(standing_in, 0.0, STRIKE * steps.landing[index] * early)
+    late = ease((phase - table.heel_off) / (_HIGHEST - table.heel_off))
     share = LEAST_PUSH + (1.0 - LEAST_PUSH) * steps.leaving[index]
-    push = np.where(standing_out, 0.0, PUSH * share * late**_PUSH_POWER)
+    push = np.where(standing_out, 0.0, PUSH * share * late)
     pitch = push - landing
     pivot = np.where((phase < 0.5 * (table.foot_flat + table.heel_off))[:, None], shape.heel, shape.toe)
     # The pivot stays; turned by pitch about y, (x, z) goes to (x cos + z sin, z cos - x sin).

@@ -18,7 +18,7 @@ from mjmotion.exceptions import ClipError, unknown_name
 Array = NDArray[np.float64]
 
 KINDS = ("start", "straight", "turn_left", "turn_right", "stop")
-MIDDLE = 0.32  # phase of a stance at which the pelvis passes over the foot
+MIDDLE = 0.24  # phase of a stance at which the pelvis passes over the foot
 _GRID = 200  # samples of a cycle
 _MARGIN = 2.0  # cycles kept before and after the walk
 _EARLY, _LATE = 0.15, 0.10  # how long before a start and after a stop the speed changes [cycles]
