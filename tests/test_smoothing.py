@@ -1,0 +1,124 @@
+"""Fades and envelopes against dense least squares solved by other means."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mjmotion.smoothing import blend, envelope, fade
+
+CLOSE = 1e-8
+BELOW = 2e-4  # how far under a wanted height an envelope may stay [m]
+SOME = settings(deadline=None, max_examples=25, derandomize=True)
+
+
+def energy(nframe: int, *weights: float) -> np.ndarray:
+    """Σ w_k D_kᵀ D_k as a dense matrix, differences by numpy.diff."""
+    total = np.zeros((nframe, nframe))
+    for order, weight in enumerate(weights):
+        difference = np.diff(np.eye(nframe), n=order, axis=0)
+        total += weight * difference.T @ difference
+    return total
+
+
+def dense_fade(fixed: np.ndarray, values: np.ndarray, time: float) -> np.ndarray:
+    matrix = energy(len(fixed), 1.0, 2.0 * time**2, time**4)
+    curve = np.where(fixed[:, None], values, 0.0)
+    free = ~fixed
+    right = -matrix[np.ix_(free, fixed)] @ curve[fixed]
+    curve[free] = np.linalg.solve(matrix[np.ix_(free, free)], right)
+    return curve
+
+
+@SOME
+@given(seed=st.integers(0, 10_000), time=st.sampled_from((0.5, 1.2, 4.0)))
+def test_fade_is_the_dense_minimum(seed: int, time: float) -> None:
+    rng = np.random.default_rng(seed)
+    fixed = rng.random(40) < 0.4
+    fixed[5] = True
+    values = rng.normal(size=(40, 2))
+    kept = values.copy()
+    curve = fade(fixed, values, time)
+    np.testing.assert_allclose(curve, dense_fade(fixed, values, time), atol=CLOSE)
+    np.testing.assert_array_equal(curve[fixed], values[fixed])
+    np.testing.assert_array_equal(values, kept)
+
+
+def test_fade_dies_out_and_does_not_swing_over() -> None:
+    fixed = np.zeros(200, dtype=bool)
+    fixed[:20] = True
+    curve = fade(fixed, np.ones((200, 1)), 4.0)[:, 0]
+    assert (curve > -1e-6).all() and (np.diff(curve) < 1e-9).all()
+    assert curve[20 + 60] < 1e-4  # 15 time constants on
+    # It leaves with the slope of the stretch, which is level: exp(-t/4) alone would be at 0.78.
+    assert curve[20] > 0.94
+
+
+@pytest.mark.parametrize("nframe", [1, 4, 5, 30])
+def test_fade_without_anything_to_do(nframe: int) -> None:
+    values = np.arange(float(nframe))[:, None]
+    np.testing.assert_array_equal(fade(np.ones(nframe, bool), values, 3.0), values)
+    np.testing.assert_array_equal(fade(np.zeros(nframe, bool), values, 3.0), 0.0 * values)
+
+
+@SOME
+@given(seed=st.integers(0, 10_000), time=st.sampled_from((0.5, 1.2, 4.0)))
+def test_blend_is_the_dense_minimum(seed: int, time: float) -> None:
+    rng = np.random.default_rng(seed)
+    weight, values = rng.choice((0.0, 0.5, 20.0), 40), rng.normal(size=(40, 2))
+    matrix = energy(40, 1.0, 3.0 * time**2, 3.0 * time**4, time**6)
+    wanted = np.linalg.solve(matrix + np.diag(weight), weight[:, None] * values)
+    np.testing.assert_allclose(blend(weight, values, time), wanted, atol=CLOSE)
+    assert (blend(np.zeros(40), values, time) == 0.0).all()
+
+
+def best_envelope(need: np.ndarray, fixed: np.ndarray, time: float) -> float:
+    """Least energy of a curve above ``need``: projected gradients on the dual, run to the end."""
+    from scipy.optimize import lsq_linear
+
+    matrix = energy(len(need), 1.0, 0.0, 0.0, time**6)[np.ix_(~fixed, ~fixed)]
+    root = np.linalg.cholesky(matrix)
+    # min |Lᵀ x|² with x >= need, as bounded least squares.
+    low = np.maximum(need[~fixed], 0.0)
+    found = lsq_linear(root.T, np.zeros(len(low)), bounds=(low, np.inf), method="bvls")
+    return float(found.x @ matrix @ found.x)
+
+
+@SOME
+@given(seed=st.integers(0, 10_000), time=st.sampled_from((2.0, 3.6)))
+def test_envelope_is_above_and_nearly_the_least(seed: int, time: float) -> None:
+    rng = np.random.default_rng(seed)
+    nframe = 50
+    fixed = np.zeros(nframe, dtype=bool)
+    fixed[:10], fixed[40:] = True, True
+    need = np.full(nframe, -1.0)
+    for place in rng.integers(13, 37, 2):
+        need[place - 2 : place + 2] = rng.uniform(0.01, 0.1)
+    curve = envelope(need, fixed, time)
+    assert (curve[fixed] == 0.0).all() and (curve >= 0.0).all()
+    assert (curve - np.where(fixed, 0.0, need)).min() > -BELOW
+    matrix = energy(nframe, 1.0, 0.0, 0.0, time**6)
+    # Within a third of the optimum: it must be smooth, and need not be the very best.
+    assert curve @ matrix @ curve < 1.35 * best_envelope(need, fixed, time) + 1e-6
+
+
+def test_envelope_where_nothing_is_needed() -> None:
+    fixed = np.zeros(30, dtype=bool)
+    assert (envelope(np.full(30, -np.inf), fixed, 3.0) == 0.0).all()
+    need = np.zeros(30)
+    need[4] = 0.2
+    fixed[4] = True  # a need at a fixed frame does not count
+    assert (envelope(need, fixed, 3.0) == 0.0).all()
+
+
+def test_envelope_is_smooth_and_wide() -> None:
+    """One needy frame lifts a stretch about it, not a spike."""
+    need = np.full(120, -np.inf)
+    need[60] = 0.1
+    curve = envelope(need, np.zeros(120, bool), 5.0)
+    assert curve[60] > 0.1 - BELOW and curve.max() < 0.101
+    assert curve[57] > 0.05 and curve[63] > 0.05
+    assert np.abs(np.diff(curve, n=3)).max() < 0.01
+    assert curve[[0, 119]].max() < 1e-3
