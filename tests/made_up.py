@@ -92,7 +92,7 @@ def pin(
 
 
 def foot_track(time: np.ndarray, phase: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A foot's x and height [m] and whether it stands; swings begin at ``phase`` and every 1.2 s."""
+    """A foot's x and height [m] and whether it stands; swings at ``phase`` and every 1.2 s."""
     cycle = 2.0 * STEP_TIME
     count = np.floor((time - phase) / cycle)
     s = np.clip((time - phase - count * cycle) / SWING_TIME, 0.0, 1.0)

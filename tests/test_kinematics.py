@@ -144,7 +144,7 @@ def test_height_and_geoms() -> None:
 
 def test_unknown_site_names_the_valid_ones() -> None:
     assert humanoid().site(site_id(humanoid(), "left_toe")).name == "left_toe"
-    with pytest.raises(ModelError, match="left_hell.*left_heel"):
+    with pytest.raises(ModelError, match=r"left_hell.*left_heel"):
         site_id(humanoid(), "left_hell")
 
 
