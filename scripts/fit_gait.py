@@ -65,10 +65,6 @@ def main() -> None:
         "credit": CREDIT,
         "speed": round(float(np.mean([f["speed"] for f in facts])), 3),
         "stride": round(float(np.mean([f["stride"] for f in facts])), 3),
-        "phases": {
-            name: round(float(np.mean([f[name] for f in facts if name in f])), 3)
-            for name in ("foot_flat", "heel_off", "toe_off")
-        },
         "channels": {
             name: coefficients(values, name)
             for name, values in mean.items()
@@ -76,7 +72,7 @@ def main() -> None:
         },
     }
     options.out.write_text(layout(table), encoding="utf-8")
-    print(f"{len(facts)} strides, {table['speed']} m/s, {table['stride']} m, {table['phases']}")
+    print(f"{len(facts)} strides, {table['speed']} m/s, {table['stride']} m")
     print(options.out)
 
 
@@ -84,9 +80,8 @@ def find_strides(motion: Motion) -> list[tuple[dict[str, Array], dict[str, float
     """Return the steady strides of both feet, each as begun by the left, with their figures."""
     contacts = detect_contacts(motion)
     found = []
-    for side, other in (("left", "right"), ("right", "left")):
+    for side in ("left", "right"):
         heel = [c for c in contacts if c.site == f"{side}_heel"]
-        toe = [c for c in contacts if c.site == f"{side}_toe"]
         for first, second in zip(heel[:-1], heel[1:], strict=True):
             if first.start == 0:
                 continue
@@ -103,11 +98,6 @@ def find_strides(motion: Motion) -> list[tuple[dict[str, Array], dict[str, float
             if abs(halves[1] - halves[0]) / halves.mean() > STEADY:
                 continue
             fact = {"speed": stride / duration, "stride": stride}
-            fact["heel_off"] = (first.end - start) / (end - start)
-            for contact in toe:
-                if first.start <= contact.start < first.end:
-                    fact["foot_flat"] = (contact.start - start) / (end - start)
-                    fact["toe_off"] = (contact.end - start) / (end - start)
             cycle = one_cycle(motion, start, end)
             if side == "right":
                 cycle = mirrored(cycle)
@@ -192,7 +182,7 @@ def layout(table: dict[str, object]) -> str:
     for name, rows in channels.items():
         lines = ",\n      ".join(json.dumps(row) for row in rows)
         parts.append(f'    "{name}": [\n      {lines}\n    ]')
-    return head.rstrip("}\n ") + '\n  },\n  "channels": {\n' + ",\n".join(parts) + "\n  }\n}\n"
+    return head.rstrip("}\n ") + ',\n  "channels": {\n' + ",\n".join(parts) + "\n  }\n}\n"
 
 
 if __name__ == "__main__":

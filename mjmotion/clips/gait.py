@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.clips.gait_feet import (
-    _BUMP,
     FootShape,
-    SwingShape,
+    Swing,
+    find_swing,
     foot_motion,
     foot_shape,
-    swing_shape,
+    swing_phases,
 )
 from mjmotion.clips.gait_plan import Path, Segment, ease, plan_path, plan_steps
 from mjmotion.clips.gait_table import GaitTable, gait_table
@@ -61,7 +61,8 @@ _WIDTHS = (0.17, 0.12)  # of the stance, standing and walking [m]
 _TOE_OUT = np.deg2rad(6.0)
 _KNEE = np.deg2rad(5.0)  # a knee is never straighter
 _STAND_ELBOW = 0.30  # [rad]
-_BOB = 1.3  # the mean over strides and people flattens what each of them does
+_BOB_EARLY = 0.05
+_BOB = 1.6  # the mean over strides and people flattens what each of them does
 _STAND = (0.75, 0.9)  # quiet standing before a start and after a stop [s]
 _GRAVITY = 9.81
 _LEAN = (0.25, 0.35)  # shares of the lean into a turn that pelvis and spine take
@@ -114,7 +115,7 @@ def make_walk(
     total = before + ends + after if seconds is None else seconds
     if total < before + ends:
         raise ClipError(f"walk: the segments take {before + ends:.2f} s, not {total:.2f}")
-    times = np.arange(max(1, int(round(total * fps)))) / fps - before
+    times = np.arange(max(1, round(total * fps))) / fps - before
     return Motion(model, _poses(model, path, path.phase(times), stride), fps)
 
 
@@ -139,11 +140,13 @@ def _poses(model: mujoco.MjModel, path: Path, psi: Array, stride: float) -> Arra
     table = gait_table()
     legs = Limbs(model, [_leg(model, side) for side in _SIDES])
     shapes = [foot_shape(model, side) for side in _SIDES]
-    bump = _swing_shape(model, table, stride)
+    swing = _table_swing(model, table)
     scale = min(stride / STRIDE, 1.2)
-    feet = partial(_feet, path, table, shapes, bump)
+    feet = partial(_feet, path, shapes, swing)
     # How high the pelvis can be is found on a grid of its own, so that it is the same at any rate.
-    grid = np.linspace(psi[0] - 0.5, psi[-1] + 0.5, int(np.ceil((psi[-1] - psi[0] + 1.0) * 100)) + 1)
+    grid = np.linspace(
+        psi[0] - 0.5, psi[-1] + 0.5, int(np.ceil((psi[-1] - psi[0] + 1.0) * 100)) + 1
+    )
     body = _body(model, table, path, grid, scale)
     room = _room(legs, body, feet(grid))
     qpos = _body(model, table, path, psi, scale)
@@ -159,9 +162,7 @@ def _leg(model: mujoco.MjModel, side: str):  # type: ignore[no-untyped-def]
     raise ModelError(f"the built-in walk needs the humanoid: its {side} leg is no ball-hinge-ball")
 
 
-def _body(
-    model: mujoco.MjModel, table: GaitTable, path: Path, psi: Array, scale: float
-) -> Array:
+def _body(model: mujoco.MjModel, table: GaitTable, path: Path, psi: Array, scale: float) -> Array:
     """Return qpos (n, nq) by path and table; the root's height is only its bob."""
     place, heading, pace = path.at(psi)
     swing = np.clip(pace, 0.0, 1.0) * scale
@@ -172,7 +173,8 @@ def _body(
         shift = shift * ease((psi + 0.38) / 0.5)
     if path.stops:
         shift = shift * ease((path.end + 0.22 - psi) / 0.5)
-    along, side, up = table.swing("root_position", psi).T
+    along, side, _ = table.swing("root_position", psi).T
+    up = table.swing("root_position", psi + _BOB_EARLY)[:, 2]
     along = along * swing
     side = side * shift * np.sqrt(scale)
     qpos[:, 0] = place[:, 0] + along * np.cos(heading) - side * np.sin(heading)
@@ -181,7 +183,9 @@ def _body(
     # Into the turn: what a pendulum under the sideways acceleration would lean.
     rate = np.gradient(path.heading, path.time)
     rate = np.interp(psi, path.psi, rate)
-    speed = np.interp(psi, path.psi, np.linalg.norm(np.gradient(path.position, path.time, axis=0), axis=1))
+    speed = np.interp(
+        psi, path.psi, np.linalg.norm(np.gradient(path.position, path.time, axis=0), axis=1)
+    )
     lean = -np.arctan(rate * speed / _GRAVITY)
     ahead = path.at(psi + _LOOK_AHEAD)[1] - heading
     turn = table.mean("root_rotation") + table.swing("root_rotation", psi) * swing[:, None]
@@ -204,14 +208,12 @@ def _body(
     return qpos
 
 
-def _feet(
-    path: Path, table: GaitTable, shapes: Sequence[FootShape], bump: SwingShape, psi: Array
-) -> tuple[Array, Array]:
+def _feet(path: Path, shapes: Sequence[FootShape], swing: Swing, psi: Array) -> tuple[Array, Array]:
     """Return ankles (n, 2, 3) [m] and orientations (n, 2, 4) of both feet."""
     places, turns = [], []
     for side, shape in zip(_SIDES, shapes, strict=True):
         steps = plan_steps(path, side, _WIDTHS, _TOE_OUT)
-        foot = foot_motion(steps, psi, table, shape, bump)
+        foot = foot_motion(steps, psi, shape, swing)
         zero = np.zeros_like(psi)
         pitch = exp(np.column_stack((zero, foot[:, 3], zero)))
         places.append(foot[:, :3])
@@ -219,11 +221,9 @@ def _feet(
     return np.stack(places, axis=1), np.stack(turns, axis=1)
 
 
-def _swing_shape(model: mujoco.MjModel, table: GaitTable, stride: float) -> SwingShape:
+def _table_swing(model: mujoco.MjModel, table: GaitTable) -> Swing:
     """Return what the table's left foot does in its swing, on a straight walk."""
-    span = 1.0 - table.toe_off
-    u = np.linspace(-2.0 / _BUMP, 1.0 + 2.0 / _BUMP, _BUMP + 5)
-    psi = table.toe_off + span * u
+    psi = swing_phases()
     qpos = np.tile(model.qpos0, (len(psi), 1))
     position = table.mean("root_position") + table.swing("root_position", psi)
     position[:, 0] += psi * STRIDE
@@ -240,7 +240,8 @@ def _swing_shape(model: mujoco.MjModel, table: GaitTable, stride: float) -> Swin
     pose = Kinematics(model, len(psi)).forward(qpos)
     foot = int(model.joint("left_ankle").bodyid[0])
     toe = rotate(pose.xquat[:, foot], np.array((1.0, 0.0, 0.0)))
-    return swing_shape(pose.xpos[:, foot][:, [0, 2]], np.arcsin(-toe[:, 2]), span, STRIDE)
+    ankle = pose.xpos[:, foot]
+    return find_swing(ankle[:, 0], ankle[:, 2], np.arcsin(-toe[:, 2]))
 
 
 def _room(legs: Limbs, qpos: Array, feet: tuple[Array, Array]) -> Array:
@@ -248,7 +249,9 @@ def _room(legs: Limbs, qpos: Array, feet: tuple[Array, Array]) -> Array:
     hip, _ = legs.bases(qpos)
     bent = legs._constant + 2.0 * legs._r1r2 * np.cos(_KNEE)
     flat = ((feet[0] - hip)[..., :2] ** 2).sum(axis=-1)
-    return np.asarray((feet[0][..., 2] + np.sqrt(np.maximum(bent - flat, 0.01)) - hip[..., 2]).min(axis=1))
+    return np.asarray(
+        (feet[0][..., 2] + np.sqrt(np.maximum(bent - flat, 0.01)) - hip[..., 2]).min(axis=1)
+    )
 
 
 def _height(grid: Array, room: Array, psi: Array) -> Array:

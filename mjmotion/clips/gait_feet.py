@@ -1,30 +1,36 @@
 """The feet of the built-in walk: planted in stance, rolling over heel and toe, swung in between.
 
 A foot strikes with its heel and turns about it until it is flat; from heel-off on it turns about
-its toe. The swing joins toe-off and the next heel strike with the same speed and acceleration, and
-in between does what the table's legs do.
+its toe. In its swing it does what the table's legs do, from where it leaves to where it comes down,
+and soon after the one and before the other has the speed and acceleration of the rolling foot.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.clips.gait_plan import Steps, ease
-from mjmotion.clips.gait_table import GaitTable
 
 Array = NDArray[np.float64]
 
-STRIKE = np.deg2rad(19.0)  # toes up at heel strike of a full stride
-PUSH = np.deg2rad(52.0)  # heel up at its steepest
+# Phases of a stance, from heel strike on [cycles]. The recordings' contacts have 0.09, 0.43 and 0.62;
+# a sole that does not bend at the toes rises a little earlier.
+FOOT_FLAT, HEEL_OFF, TOE_OFF = 0.09, 0.40, 0.60
+STRIKE = np.deg2rad(21.0)  # toes up at heel strike of a full stride
+PUSH = np.deg2rad(50.0)  # heel up at its toe-off
 LEAST_PUSH = 0.45  # share of that even for the smallest step
 _EARLY = 0.03  # how long before the heel strike the toes begin to fall [cycles]
-_HIGHEST = 0.68  # when the foot is steepest, soon after toe-off [cycles]
+_RISE = 2.4  # power of the heel's rise
 _STEP = 1e-3  # of the numeric derivatives [cycles]
-_BUMP = 96  # samples of a swing's shape
+_CLEARANCE = 0.014  # of the sole in mid-swing [m]
+_LIFT_AT = np.linspace(0.2, 0.75, 23)  # where in the swing that is looked at
+_SAMPLES = 96  # of a swing's shape
+_BLEND = (0.40, 0.30)  # shares of a swing in which it takes leave of the old stance, joins the new
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -41,14 +47,13 @@ def foot_shape(model: mujoco.MjModel, side: str) -> FootShape:
     return FootShape(np.array(heel), np.array(toe))
 
 
-def stance(steps: Steps, index: Array, psi: Array, table: GaitTable, shape: FootShape) -> Array:
+def stance(steps: Steps, index: Array, psi: Array, shape: FootShape) -> Array:
     """Return the foot in stances.
 
     Args:
       steps: the stances of this foot.
       index: (n,) which stance.
       psi: (n,) phases; those a little outside of the stance continue its rolling.
-      table: phases of a stance.
       shape: the foot.
 
     Returns:
@@ -58,13 +63,13 @@ def stance(steps: Steps, index: Array, psi: Array, table: GaitTable, shape: Foot
     phase = psi - steps.strike[index]
     standing_in = (index == 0) & steps.first
     standing_out = (index == len(steps.strike) - 1) & steps.last
-    early = 1.0 - ease((phase + _EARLY) / (table.foot_flat + _EARLY))
+    early = 1.0 - ease((phase + _EARLY) / (FOOT_FLAT + _EARLY))
     landing = np.where(standing_in, 0.0, STRIKE * steps.landing[index] * early)
-    late = ease((phase - table.heel_off) / (_HIGHEST - table.heel_off))
+    late = np.maximum((phase - HEEL_OFF) / (TOE_OFF - HEEL_OFF), 0.0) ** _RISE
     share = LEAST_PUSH + (1.0 - LEAST_PUSH) * steps.leaving[index]
     push = np.where(standing_out, 0.0, PUSH * share * late)
     pitch = push - landing
-    pivot = np.where((phase < 0.5 * (table.foot_flat + table.heel_off))[:, None], shape.heel, shape.toe)
+    pivot = np.where((phase < 0.5 * (FOOT_FLAT + HEEL_OFF))[:, None], shape.heel, shape.toe)
     # The pivot stays; turned by pitch about y, (x, z) goes to (x cos + z sin, z cos - x sin).
     cosine, sine = np.cos(pitch), np.sin(pitch)
     along = pivot[:, 0] - (pivot[:, 0] * cosine + pivot[:, 1] * sine)
@@ -75,96 +80,136 @@ def stance(steps: Steps, index: Array, psi: Array, table: GaitTable, shape: Foot
     return np.column_stack((x, y, up, pitch, yaw))
 
 
-def foot_motion(
-    steps: Steps, psi: Array, table: GaitTable, shape: FootShape, bump: SwingShape
-) -> Array:
+def foot_motion(steps: Steps, psi: Array, shape: FootShape, swing: Swing) -> Array:
     """Return the foot (n, 5) at phases (n,), as :func:`stance` does."""
     index = np.clip(np.searchsorted(steps.strike, psi, side="right") - 1, 0, None)
-    result = stance(steps, index, psi, table, shape)
-    swing = psi > steps.strike[index] + table.toe_off
-    swing &= ~((index == len(steps.strike) - 1))
-    if not swing.any():
+    result = stance(steps, index, psi, shape)
+    flying = (psi > steps.strike[index] + TOE_OFF) & (index < len(steps.strike) - 1)
+    if not flying.any():
         return result
-    here = index[swing]
-    begin, end = steps.strike[here] + table.toe_off, steps.strike[here + 1]
-    u = (psi[swing] - begin) / (end - begin)
+    here = index[flying]
+    begin, end = steps.strike[here] + TOE_OFF, steps.strike[here + 1]
     span = (end - begin)[:, None]
-    start = _derivatives(lambda at: stance(steps, here, at, table, shape), begin)
-    stop = _derivatives(lambda at: stance(steps, here + 1, at, table, shape), end)
-    values = quintic(u, span, start, stop)
-    reach = np.linalg.norm(steps.position[here + 1] - steps.position[here], axis=1)
-    values += bump.at(u, reach, 0.5 * (start[0][:, 4] + stop[0][:, 4]))
-    result[swing] = values
+    u = (psi[flying] - begin) / span[:, 0]
+    leave = _state(lambda at: stance(steps, here, at, shape), begin, _STEP, span)
+    join = _state(lambda at: stance(steps, here + 1, at, shape), end, _STEP, span)
+    path = swing.between(leave, join)
+    lift = _lift(path, here, shape)
+    result[flying] = path(u)
+    result[flying, 2] += lift * _hump(u)
     return result
 
 
-def _derivatives(curve, at: Array) -> tuple[Array, Array, Array]:  # type: ignore[no-untyped-def]
-    before, here, after = curve(at - _STEP), curve(at), curve(at + _STEP)
-    return here, (after - before) / (2 * _STEP), (after - 2 * here + before) / _STEP**2
+def _hump(u: Array) -> Array:
+    """Return a hump of height 1 that begins and ends without rate and rate of rate."""
+    return (4.0 * u * (1.0 - u)) ** 3
 
 
-def quintic(
-    u: Array,
-    span: Array,
-    start: tuple[Array, Array, Array],
-    stop: tuple[Array, Array, Array],
-) -> Array:
-    """Return the curve of fifth degree between two states.
+def _lift(path: Callable[[Array], Array], step: Array, shape: FootShape) -> Array:
+    """Return how much higher (n,) swings must go for heel and toe to clear the ground [m].
 
     Args:
-      u: (n,) from 0 to 1.
-      span: (n, 1) phase that it takes.
-      start, stop: value, rate and its rate (n, k) at both ends, by phase.
+      path: the swings, for each of n frames.
+      step: (n,) which swing a frame is of; frames of one swing come out the same.
+      shape: the foot.
     """
-    u = u[:, None]
-    p0, v0, a0 = start[0], start[1] * span, start[2] * span**2
-    p1, v1, a1 = stop[0], stop[1] * span, stop[2] * span**2
-    rise = p1 - p0
-    c3 = 10 * rise - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1
-    c4 = -15 * rise + 8 * v0 + 7 * v1 + 1.5 * a0 - a1
-    c5 = 6 * rise - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1
-    return p0 + u * (v0 + u * (0.5 * a0 + u * (c3 + u * (c4 + u * c5))))
+    most = np.zeros(len(step))
+    for u in _LIFT_AT:
+        foot = path(np.full(len(step), u))
+        for x, z in (shape.heel, shape.toe):
+            height = foot[:, 2] + z * np.cos(foot[:, 3]) - x * np.sin(foot[:, 3])
+            most = np.maximum(most, (_CLEARANCE - height) / _hump(u))
+    return most
+
+
+def _state(
+    curve: Callable[[Array], Array], at: Array, step: float, scale: Array
+) -> tuple[Array, Array, Array]:
+    """Return value, rate and the rate's rate of a curve, the latter by ``scale`` of its argument."""
+    before, here, after = curve(at - step), curve(at), curve(at + step)
+    rate = (after - before) / (2 * step)
+    return here, rate * scale, (after - 2 * here + before) / step**2 * scale**2
+
+
+def _departure(s: Array, rate: Array, bend: Array, width: float) -> Array:
+    """Return a curve that leaves zero at s = 0 with these rates and is zero again from s = 1 on."""
+    s = np.clip(s, 0.0, 1.0)[:, None]
+    left = (1.0 - s) ** 3
+    first = s * left * (1.0 + 3.0 * s)
+    second = 0.5 * s * s * left
+    return first * rate * width + second * bend * width**2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class SwingShape:
-    """What a swing does besides joining its ends: zero, with rate and its rate, at both.
+class Swing:
+    """What the table's foot does in the swing of a full stride.
 
     Attributes:
-      values: (_BUMP + 1, 3) forward, up [m] and pitch [rad] over the swing of a full stride.
-      stride: the length of that stride [m].
+      u: (m,) share of the swing; a little more than from 0 to 1, for derivatives.
+      values: (m, 3) share of the way gone, height [m], pitch [rad]; the last two over a smooth
+        step between their ends, so that they are zero at 0 and 1.
+      way: how far the ankle goes in a full stride's swing [m].
     """
 
+    u: Array
     values: Array
-    stride: float
+    way: float
 
-    def at(self, u: Array, reach: Array, yaw: Array) -> Array:
-        """Return (n, 5) for swings that go ``reach`` (n,) [m] towards ``yaw`` (n,) [rad]."""
+    def between(
+        self, begin: tuple[Array, Array, Array], end: tuple[Array, Array, Array]
+    ) -> Callable[[Array], Array]:
+        """Return the swings from one state of the foot to another, as a function of u (n,).
+
+        Args:
+          begin, end: foot (n, 5), its rate and the rate's rate by u.
+        """
         from scipy.interpolate import CubicSpline
 
-        forward, up, pitch = CubicSpline(np.linspace(0, 1, len(self.values)), self.values)(u).T
-        share = np.minimum(reach / self.stride, 1.2)
-        forward, pitch = forward * share, pitch * share
-        zero = np.zeros_like(u)
-        return np.column_stack(
-            (forward * np.cos(yaw), forward * np.sin(yaw), up * np.sqrt(share), pitch, zero)
-        )
+        spline = CubicSpline(self.u, self.values)
+        rise = end[0] - begin[0]
+        share = np.minimum(np.hypot(rise[:, 0], rise[:, 1]) / self.way, 1.15)
+
+        def path(u: Array) -> Array:
+            gone, up, pitch = spline(u).T
+            step = ease(u)
+            extra = np.column_stack((gone - step, gone - step, np.zeros((len(u), 3))))
+            foot = begin[0] + (step[:, None] + extra) * rise
+            foot[:, 2] += np.sqrt(share) * up
+            foot[:, 3] += share * pitch
+            return foot
+
+        one = np.ones((len(rise), 1))
+        leave = _state(path, np.zeros(len(rise)), _STEP, one)
+        join = _state(path, np.ones(len(rise)), _STEP, one)
+
+        def joined(u: Array) -> Array:
+            first, second = _BLEND
+            return (
+                path(u)
+                + _departure(u / first, begin[1] - leave[1], begin[2] - leave[2], first)
+                + _departure((1.0 - u) / second, join[1] - end[1], end[2] - join[2], second)
+            )
+
+        return joined
 
 
-def swing_shape(ankle: Array, pitch: Array, span: float, stride: float) -> SwingShape:
-    """Return the shape of the table's own swing.
+def swing_phases() -> Array:
+    """Return the phases at which :func:`find_swing` wants the table's foot."""
+    beyond = 4.0 / _SAMPLES
+    u = np.linspace(-beyond, 1.0 + beyond, _SAMPLES + 9)
+    return TOE_OFF + (1.0 - TOE_OFF) * u
+
+
+def find_swing(forward: Array, up: Array, pitch: Array) -> Swing:
+    """Return the swing of the table's foot.
 
     Args:
-      ankle: (_BUMP + 1 + 4, 2) forward and up [m], two samples before the swing to two after it.
-      pitch: the same of the foot's pitch [rad].
-      span: phase that the swing takes.
-      stride: the stride's length [m].
+      forward, up, pitch: ankle [m] and foot [rad] over the ground, (m,) at :func:`swing_phases`.
     """
-    values = np.column_stack((ankle, pitch))
-    step = span / (len(values) - 5)
-    rate = np.gradient(values, step, axis=0)
-    bend = np.gradient(rate, step, axis=0)
-    u = np.linspace(0.0, 1.0, len(values) - 4)
-    ends = [tuple(np.tile(v[at], (len(u), 1)) for v in (values, rate, bend)) for at in (2, -3)]
-    base = quintic(u, np.full((len(u), 1), span), ends[0], ends[1])  # type: ignore[arg-type]
-    return SwingShape(values[2:-2] - base, stride)
+    u = (swing_phases() - TOE_OFF) / (1.0 - TOE_OFF)
+    first, last = 4, len(u) - 5
+    way = float(forward[last] - forward[first])
+    columns = [(forward - forward[first]) / way]
+    for values in (up, pitch):
+        columns.append(values - values[first] - ease(u) * (values[last] - values[first]))
+    return Swing(u, np.column_stack(columns), way)

@@ -18,7 +18,7 @@ from mjmotion.exceptions import ClipError, unknown_name
 Array = NDArray[np.float64]
 
 KINDS = ("start", "straight", "turn_left", "turn_right", "stop")
-MIDDLE = 0.24  # phase of a stance at which the pelvis passes over the foot
+MIDDLE = 0.23  # phase of a stance at which the pelvis passes over the foot
 _GRID = 200  # samples of a cycle
 _MARGIN = 2.0  # cycles kept before and after the walk
 _EARLY, _LATE = 0.15, 0.10  # how long before a start and after a stop the speed changes [cycles]
@@ -105,7 +105,7 @@ def plan_path(segments: Sequence[Segment], stride: float, speed: float, turning:
     _check(segments)
     starts, stops = segments[0].kind == "start", segments[-1].kind == "stop"
     end = sum(segment.strides for segment in segments)
-    psi = np.linspace(-_MARGIN, end + _MARGIN, int(round((end + 2 * _MARGIN) * _GRID)) + 1)
+    psi = np.linspace(-_MARGIN, end + _MARGIN, round((end + 2 * _MARGIN) * _GRID) + 1)
     pace = np.ones_like(psi)
     if starts:
         pace *= ease((psi + _EARLY) / (segments[0].strides + _EARLY))

@@ -23,19 +23,15 @@ _MIRROR = np.array((-1.0, 1.0, -1.0))  # of a rotation vector
 
 @dataclasses.dataclass(frozen=True)
 class GaitTable:
-    """Coefficients by channel, and when in the cycle things happen.
+    """Coefficients by channel.
 
     Attributes:
       channels: name to (columns, 1 + 2 harmonics): mean, cos 1, sin 1, cos 2, ... [m or rad].
         ``root_position`` is forward, left, up; ``root_rotation`` and balls are rotation vectors;
         hinges one angle. Only left limbs are kept.
-      foot_flat, heel_off, toe_off: phases of a foot's stance, which begins at 0 with heel strike.
     """
 
     channels: Mapping[str, Array]
-    foot_flat: float
-    heel_off: float
-    toe_off: float
 
     def mean(self, channel: str) -> Array:
         """Return the mean over the cycle (columns,) of a channel, of either side."""
@@ -65,4 +61,4 @@ def gait_table() -> GaitTable:
     """Return the table that comes with the package."""
     content = json.loads(Path(__file__).with_name("gait.json").read_text(encoding="utf-8"))
     channels = {name: np.array(rows) for name, rows in content["channels"].items()}
-    return GaitTable(channels, **content["phases"])
+    return GaitTable(channels)
