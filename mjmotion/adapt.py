@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mjmotion.ankles import give
 from mjmotion.assets import find_asset
-from mjmotion.clearance import MARGIN, ObstacleClearance, Obstacles, find_obstacles
+from mjmotion.clearance import MARGIN, Obstacle, ObstacleClearance, find_obstacles
 from mjmotion.constraints import SiteConstraint
 from mjmotion.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.exceptions import ContactError, SceneError, frame_list
@@ -86,7 +86,7 @@ class Plan:
     paths: tuple[FootPath, ...]
     footholds: tuple[Foothold, ...]
     root_shift: Array
-    obstacles: Obstacles
+    obstacles: tuple[Obstacle, ...]
 
     def constraints(self) -> list[SiteConstraint]:
         """Both feet posed at every frame."""
@@ -225,7 +225,7 @@ def adapt(
     start: Motion = what.source
     shift: Array | bool = what.root_shift
     clearance = None
-    if what.obstacles.points:
+    if what.obstacles:
         say("clearances")
         body = mujoco.MjSpec.from_file(str(find_asset("model", character)))
         clearance = ObstacleClearance(body, what.obstacles, find_feet(clip.model), clip.nframe)
@@ -303,15 +303,14 @@ def _duck(
 
 
 def _check_passage(clearance: ObstacleClearance, result: Fit) -> None:
-    lacking = clearance(result.motion.qpos, np.arange(result.motion.nframe))
-    deep = -lacking.distance
-    if (deep > STUCK).any():
-        frames = np.unique(lacking.frame[deep > STUCK])
+    depth, frame, names = clearance.inside(result.motion.qpos)
+    if (depth > STUCK).any():
+        frames = np.unique(frame[depth > STUCK])
         raise SceneError(
-            f"an obstacle bars the way: a body is {100 * deep.max():.0f} cm inside it after all at"
-            f" frames {frame_list(frames)}: a doorway is too low or too narrow, or stands off the"
-            " walk's path; widen or move it",
-            frames,
+            f"'{names[int(np.argmax(depth))]}' bars the way: a body is {100 * depth.max():.0f} cm"
+            f" inside it after all at frames {frame_list(frames.tolist())}: a doorway is too low or"
+            " too narrow, or stands off the walk's path; widen or move it",
+            frames.tolist(),
         )
 
 

@@ -36,7 +36,9 @@ SOLVERS = ("hybrid", "numeric")
 FIRST_SPACING = 16.0 / 30.0  # the paper's coarsest knots: 16 frames at 30 fps [s]
 FINEST = 2.0  # frames a knot of the last level
 EDGE_RESIDUAL = 1e-4  # what may be left beside free frames before the exact pass [m]
+TOUCHING = 0.004  # nearer than this to an obstacle, and another level follows [m]
 _EXTRA_LEVELS = 6  # at most, at the finest spacing, to get the edges that close
+_STILL = 1e-9  # a displacement this small is rounding [rad or m]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,9 +150,8 @@ def fit(
         traced.append((spacing, time.perf_counter() - start, last_error))
         if progress is not None:
             progress(len(traced), len(spacings) + int(exact))
-        extra = len(traced) - len(spacings)
-        if not queue and exact and 0 <= extra < _EXTRA_LEVELS and _has_edges(targets, motion):
-            if _edge_residual(motion, qpos, targets) > EDGE_RESIDUAL:
+        if not queue and exact and len(traced) - len(spacings) < _EXTRA_LEVELS:
+            if _wants_more(motion, qpos, targets, clearance):
                 queue.append(spacings[-1])
     if exact and len(targets.frames) and len(targets.sites):
         solution = solver.enforce(qpos[targets.frames], targets)
@@ -230,7 +231,7 @@ def _solve_level(
     error = float(solution.error.max(initial=0.0))
     if clearance is None:
         return targets.frames, solution.displacement, error
-    wanted = _held(targets) | np.any(solution.displacement != 0.0, axis=1)
+    wanted = _held(targets) | (np.abs(solution.displacement).max(axis=1) > _STILL)
     return targets.frames[wanted], solution.displacement[wanted], error
 
 
@@ -250,6 +251,17 @@ def _has_edges(targets: Targets, motion: Motion) -> bool:
         len(targets.frames) == motion.nframe
         and (targets.position_weight > 0).all(axis=0).sum() == len(targets.sites)
     )
+
+
+def _wants_more(
+    motion: Motion, qpos: Array, targets: Targets, clearance: Clearance | None
+) -> bool:
+    """Whether the exact pass would make a kink beside free frames, or a body is still too near."""
+    if _has_edges(targets, motion) and _edge_residual(motion, qpos, targets) > EDGE_RESIDUAL:
+        return True
+    if clearance is None:
+        return False
+    return bool((clearance(qpos, np.arange(motion.nframe)).distance < TOUCHING).any())
 
 
 def _edge_residual(motion: Motion, qpos: Array, targets: Targets) -> float:

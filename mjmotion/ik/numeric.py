@@ -35,9 +35,7 @@ Array = NDArray[np.float64]
 STEP_LIMIT = 0.7  # the most that any degree of freedom changes in one step [rad or m]
 _RIDGE = 1e-9  # keeps the dual solvable where a limb is straight [m²]
 _SOFT = 0.05  # compliance of a row at half weight [m²]
-_HELD = 1e-6  # share of its freedom that a held degree of freedom keeps
 _MAX_ROWS = 12  # inequalities of one frame that are solved at a time, the worst first
-_LIMIT_ROUNDS = 3
 _LIMIT_TOLERANCE = 1e-9  # [rad]
 
 
@@ -168,7 +166,7 @@ class NumericIK:
             columns = np.flatnonzero(self.model.dof_jntid == joint)
             hit = off[:, columns].any(axis=1)
             if joint > 0 and hit.any():
-                freedom[np.ix_(wrong[hit], columns)] *= _HELD
+                freedom[np.ix_(wrong[hit], columns)] = 0.0
         displacement[wrong] = edge
         return moved, displacement, freedom
 
@@ -182,7 +180,7 @@ def least_deviation(
       jacobian: (n, e, k) rows.
       error: (n, e) what is left of each row at ``previous``.
       compliance: (n, e) softness of each row; 0 is exact.
-      freedom: (n, k) inverse rigidity, 1/α.
+      freedom: (n, k) inverse rigidity, 1/α; 0 keeps a degree of freedom where it is.
       previous: (n, k) the displacement so far.
 
     Returns:
@@ -194,9 +192,10 @@ def least_deviation(
     dual = spread @ np.swapaxes(jacobian, 1, 2)
     index = np.arange(dual.shape[1])
     dual[:, index, index] += compliance + _RIDGE
-    wanted = error + (jacobian @ previous[..., None])[..., 0]
+    held = np.where(freedom > 0.0, 0.0, previous)
+    wanted = error + (jacobian @ (previous - held)[..., None])[..., 0]
     force = np.linalg.solve(dual, wanted[..., None])
-    return np.asarray((np.swapaxes(spread, 1, 2) @ force)[..., 0])
+    return np.asarray((np.swapaxes(spread, 1, 2) @ force)[..., 0]) + held
 
 
 def _append(
