@@ -44,6 +44,7 @@ REACH_FREE = 0.97  # share of a leg's length that a root path may always ask for
 REACH_MOST = 0.995  # the most it may ask for, where the source did
 DROP_TIME = 0.2  # scale of the root's fall and rise where a leg would not reach [s]
 ROOT_STIFFNESS = 15.0  # how much stiffer the root is than elsewhere: its path is planned
+DUCK_ROUNDS = 6  # at most, with the finest of the knots that serve to find the way
 STUCK = 0.02  # deeper than this in an obstacle after all, and the way is barred [m]
 
 
@@ -275,7 +276,8 @@ def _duck(
     motion = _shifted(what.source, what.root_shift)
     spacings = list(default_levels(motion.fps) if levels is None else levels)
     clearance.margin = DUCK_MARGIN
-    for spacing in spacings[: max(1, len(spacings) - 2)]:
+    coarse = spacings[: max(1, len(spacings) - 2)]
+    for spacing in coarse + DUCK_ROUNDS * coarse[-1:]:
         broken = np.unique(clearance(motion.qpos, np.arange(motion.nframe)).frame)
         if len(broken) == 0:
             break

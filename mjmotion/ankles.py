@@ -26,7 +26,7 @@ from mjmotion.smoothing import envelope
 
 Array = NDArray[np.float64]
 
-MARGIN = 0.03  # how far within its range an ankle is kept [rad]
+MARGIN = 0.06  # how far within its range an ankle is kept [rad]
 GIVE_TIME = 0.1  # scale of the giving's rise and fall [s]
 SHORTEST = 0.07  # what is left of a contact is dropped when it is shorter [s]
 _ROUNDS = 3

@@ -25,7 +25,7 @@ from mjmotion.shapes import geom_points
 
 Array = NDArray[np.float64]
 
-MARGIN = 0.03  # distance kept from what cannot be stepped over [m]
+MARGIN = 0.02  # distance kept from what cannot be stepped over [m]
 STEP_MARGIN = 0.006  # distance kept from steps, on which a foot and so a shin is at home [m]
 DRAWN = 0.22  # how far before and after itself a tall obstacle counts [m]
 STEP_HEIGHT = 0.45  # an obstacle whose top is higher over the ground cannot be stepped over [m]
