@@ -186,7 +186,7 @@ def test_levels_stand_beside_the_papers(short_job: job.Job) -> None:
 def test_mink_reaches_the_feet(short_job: job.Job) -> None:
     pytest.importorskip("mink", reason="mink is an extra")
     pytest.importorskip("daqp", reason="daqp is an extra")
-    solved = mink_ik.make_solver(short_job, limits=True)()
+    solved = mink_ik.make_solver(short_job)()
     assert solved.unconverged == ()
     assert solved.steps >= short_job.source.nframe
     theirs = short_job.source.replace(solved.qpos)

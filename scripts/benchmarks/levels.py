@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from benchmarks.figures import Figure
 from benchmarks.job import LEVELS, NFRAME, NSCALAR, Job, size
+from mjmotion.exceptions import frame_list
 
 PAPER = (14.31, 9.24, 3.48, 1.06)  # largest error after each level [% of height]
 EXACT = 0.01  # after the exact pass [% of height]
@@ -41,7 +42,7 @@ def _levels(job: Job, ik: str, paper_guess: bool) -> list[Figure]:
         target = None if paper_guess else most
         figures.append(Figure("levels", name, value, unit, most=target))
     unmet = "; ".join(
-        f"{unmet.constraint}: {unmet.residual_mm:.2f} mm, frames {list(unmet.frames)}"
+        f"{unmet.constraint}: {unmet.residual_mm:.2f} mm, frames {frame_list(unmet.frames)}"
         for unmet in result.unmet
     )
     figures.append(

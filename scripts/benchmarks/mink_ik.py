@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.job import Job
 
 Array = NDArray[np.float64]
+Limits = Literal["made once", "default", "none"]
 
 CLOSE = 1e-3  # both feet this near, and the frame is done [m]
 MOST_STEPS = 20
@@ -28,7 +30,7 @@ class Solved:
     unconverged: tuple[int, ...]
 
 
-def make_solver(job: Job, *, limits: bool) -> Callable[[], Solved]:
+def make_solver(job: Job, limits: Limits = "made once") -> Callable[[], Solved]:
     """Return a function that solves the job with mink and daqp.
 
     Each frame begins with the solution of the one before it, takes whole Gauss-Newton steps, and
@@ -37,7 +39,8 @@ def make_solver(job: Job, *, limits: bool) -> Callable[[], Solved]:
 
     Args:
       job: both feet posed at every frame.
-      limits: hold the ranges of hinges; mink knows none for balls.
+      limits: whether the ranges of hinges are held (mink knows none for balls): by limits that
+        are made once, by those that mink makes at each step when it is given none, or not.
 
     Raises:
       ModuleNotFoundError: mink or daqp is not installed.
@@ -51,7 +54,11 @@ def make_solver(job: Job, *, limits: bool) -> Callable[[], Solved]:
         for constraint in job.constraints
     ]
     posture = mink.PostureTask(model, cost=POSTURE_COST)
-    bounds = [mink.ConfigurationLimit(model)] if limits else []
+    bounds = {
+        "made once": [mink.ConfigurationLimit(model)],
+        "default": None,
+        "none": [],
+    }[limits]
     sites = [model.site(constraint.site).id for constraint in job.constraints]
     poses = [np.hstack((_given(c.quat), _given(c.position))) for c in job.constraints]
     targets = [[mink.SE3(pose) for pose in of_foot] for of_foot in poses]

@@ -12,7 +12,7 @@ from typing import Any
 from benchmarks.figures import Figure
 from mjmotion.adapt import adapt
 from mjmotion.clips import builtin_clips, load_clip
-from mjmotion.exceptions import MotionError
+from mjmotion.exceptions import MotionError, frame_list
 from mjmotion.motion import Motion
 from mjmotion.scene import Scene, load_scene
 from mjmotion.validation import THRESHOLDS, Validation, validate
@@ -143,7 +143,7 @@ def measure(clip: Motion, scene: Scene, name: str) -> Pair:
         tuple(validation.broken()),
         {figure: str(place) for figure, place in validation.worst.items() if figure in LABELS},
         tuple(
-            f"{unmet.constraint}, {unmet.residual_mm:.1f} mm, frames {list(unmet.frames)}"
+            f"{unmet.constraint}, {unmet.residual_mm:.1f} mm, frames {frame_list(unmet.frames)}"
             for unmet in result.unmet
         ),
         took,
