@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 
 PENALTIES = (1e2, 1e4, 1e6)  # ω of Eq. 6, round by round [1/m² or 1/rad²]
 SOFT = 0.05  # compliance of a target at half weight, as in the fast solvers [m² or rad²]
+LIMITS = 100.0  # how much more a joint limit counts than a target that is out of reach
 ROOT_STIFFER = 1e3  # how much stiffer the root is in the exact pass
 _GRADIENT = 1e-4  # a round ends when no part of the scaled gradient is larger
 _MOST = 400  # steps of conjugate gradients a round
@@ -200,7 +201,7 @@ class PenaltyObjective:
 
     def _limits(self, moved: Array, penalty: float) -> tuple[float, Array]:
         """Σ ω min(c, 0)² with c how far each joint is inside each of its limits."""
-        model = self.model
+        model, penalty = self.model, LIMITS * penalty
         value, slope = 0.0, np.zeros(model.nv)
         if len(self._boxed):
             quats = moved[self._boxed_qpos]
