@@ -25,7 +25,7 @@ from mjmotion.exceptions import FitError, unknown_name
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import Clearance, IKSolver, position_error
-from mjmotion.kinematics import Kinematics, character_height
+from mjmotion.kinematics import character_height, site_positions
 from mjmotion.motion import Motion
 from mjmotion.spline import fit_level, fit_multilevel
 from mjmotion.tangent import oplus
@@ -237,8 +237,8 @@ def _solve_level(
 
 def contact_shift(motion: Motion, targets: Targets, spacings: Sequence[float]) -> Array:
     """Return the root shift of §4.5 (nframe, 3) [m]: the contacts' average shift, smoothed."""
-    pose = Kinematics(motion.model, len(targets.frames)).forward(motion.qpos[targets.frames])
-    shift = targets.position - pose.site_xpos[:, targets.sites]
+    sites = site_positions(motion.model, motion.qpos[targets.frames], targets.sites)
+    shift = targets.position - sites
     share = (targets.contact & (targets.position_weight > 0)).astype(float)
     count = share.sum(axis=1)
     has = count > 0
@@ -278,8 +278,8 @@ def residuals(motion: Motion, targets: Targets) -> Array:
     """Return position errors (n, s) [m] at the targets' frames, 0 where nothing is wanted."""
     if len(targets.frames) == 0 or len(targets.sites) == 0:
         return np.zeros((len(targets.frames), len(targets.sites)))
-    pose = Kinematics(motion.model, len(targets.frames)).forward(motion.qpos[targets.frames])
-    gap = np.linalg.norm(targets.position - pose.site_xpos[:, targets.sites], axis=-1)
+    sites = site_positions(motion.model, motion.qpos[targets.frames], targets.sites)
+    gap = np.linalg.norm(targets.position - sites, axis=-1)
     return np.asarray(gap * (targets.position_weight > 0))
 
 

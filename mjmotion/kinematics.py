@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import mujoco
 import numpy as np
@@ -21,7 +21,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from mjmotion.exceptions import ModelError, unknown_name
-from mjmotion.rotations import cross
+from mjmotion.rotations import cross, exp, multiply, rotate
 
 Array = NDArray[np.float64]
 
@@ -37,6 +37,7 @@ def site_id(model: mujoco.MjModel, name: str) -> int:
     return int(index)
 
 
+@lru_cache(maxsize=8)
 def character_height(model: mujoco.MjModel) -> float:
     """Return the height of the character at ``qpos0`` [m]: from its lowest geom to its highest.
 
@@ -173,6 +174,67 @@ def body_dofs(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
             moves[start : start + count] = True
         body = int(model.body_parentid[body])
     return moves
+
+
+def body_pose(model: mujoco.MjModel, qpos: Array, body: int) -> tuple[Array, Array]:
+    """Return the world position (n, 3) and orientation (n, 4) of one body in every frame.
+
+    Only the joints between the world and the body are visited, which for the pelvis is one.
+    """
+    path = []
+    while body > 0:
+        path.append(body)
+        body = int(model.body_parentid[body])
+    count = len(qpos)
+    position = np.zeros((count, 3))
+    quat = np.tile((1.0, 0.0, 0.0, 0.0), (count, 1))
+    for link in reversed(path):
+        position = position + rotate(quat, np.broadcast_to(model.body_pos[link], (count, 3)))
+        if not np.array_equal(model.body_quat[link], (1.0, 0.0, 0.0, 0.0)):
+            quat = multiply(quat, np.broadcast_to(model.body_quat[link], (count, 4)))
+        first = model.body_jntadr[link]
+        for joint in range(first, first + model.body_jntnum[link]):
+            position, quat = _apply_joint(model, qpos, joint, position, quat)
+    return position, quat
+
+
+def _apply_joint(
+    model: mujoco.MjModel, qpos: Array, joint: int, position: Array, quat: Array
+) -> tuple[Array, Array]:
+    address, kind = model.jnt_qposadr[joint], model.jnt_type[joint]
+    if kind == mujoco.mjtJoint.mjJNT_FREE:
+        return qpos[:, address : address + 3], qpos[:, address + 3 : address + 7]
+    if kind == mujoco.mjtJoint.mjJNT_SLIDE:
+        travel = (qpos[:, address] - model.qpos0[address])[:, None]
+        return position + rotate(quat, travel * model.jnt_axis[joint]), quat
+    if kind == mujoco.mjtJoint.mjJNT_BALL:
+        turn = qpos[:, address : address + 4]
+    else:
+        angle = (qpos[:, address] - model.qpos0[address])[:, None]
+        turn = exp(angle * model.jnt_axis[joint])
+    turned = multiply(quat, turn)
+    if np.any(model.jnt_pos[joint]):
+        pivot = np.broadcast_to(model.jnt_pos[joint], position.shape)
+        position = position + rotate(quat, pivot) - rotate(turned, pivot)
+    return position, turned
+
+
+def site_positions(
+    model: mujoco.MjModel, qpos: Array, sites: NDArray[np.int64]
+) -> Array:
+    """Return the world positions (n, s, 3) [m] of a few sites.
+
+    Cheaper than :meth:`Kinematics.forward` while the sites are on few bodies.
+    """
+    poses = {int(body): body_pose(model, qpos, int(body)) for body in model.site_bodyid[sites]}
+    return np.stack(
+        [
+            poses[int(model.site_bodyid[site])][0]
+            + rotate(poses[int(model.site_bodyid[site])][1], model.site_pos[site])
+            for site in sites
+        ],
+        axis=1,
+    )
 
 
 class Kinematics:

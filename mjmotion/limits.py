@@ -9,6 +9,8 @@ box of limits for the three numbers ``(swing_x, swing_y, twist_z)`` with a custo
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +21,7 @@ _BALL = int(mujoco.mjtJoint.mjJNT_BALL)
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 
 
+@lru_cache(maxsize=16)
 def ball_limits(model: mujoco.MjModel) -> dict[int, NDArray[np.float64]]:
     """Return the swing and twist box of every ball that has one.
 
@@ -129,28 +132,38 @@ def clamp_to_limits(model: mujoco.MjModel, qpos: ArrayLike) -> NDArray[np.float6
     """
     result = np.array(np.atleast_2d(np.asarray(qpos, dtype=np.float64)))
     boxes = ball_limits(model)
+    straight = [
+        joint for joint, _ in _limited(model) if model.jnt_type[joint] not in (_BALL, _FREE)
+    ]
+    columns = model.jnt_qposadr[straight]
+    result[:, columns] = np.clip(result[:, columns], *model.jnt_range[straight].T)
+    if boxes:
+        # All boxes at once: frames are many and joints few, and most are inside.
+        adr = model.jnt_qposadr[list(boxes)][:, None] + np.arange(4)
+        bounds = np.stack(list(boxes.values()))
+        angles = swing_twist(result[:, adr])
+        inside = np.clip(angles, bounds[:, :, 0], bounds[:, :, 1])
+        frame, ball = np.nonzero((inside != angles).any(axis=2))
+        where = (frame[:, None], adr[ball])
+        result[where] = _same_side(from_swing_twist(inside[frame, ball]), result[where])
     for joint, has_box in _limited(model):
-        at = model.jnt_qposadr[joint]
-        if model.jnt_type[joint] != _BALL:
-            result[:, at] = np.clip(result[:, at], *model.jnt_range[joint])
+        if has_box or model.jnt_type[joint] != _BALL:
             continue
-        quat = result[:, at : at + 4]
-        if has_box:
-            angles = swing_twist(quat)
-            inside = np.clip(angles, boxes[joint][:, 0], boxes[joint][:, 1])
-            bad = (inside != angles).any(axis=1)
-            clamped = from_swing_twist(inside[bad])
-        else:
-            angle, most = _ball_angle(quat), model.jnt_range[joint, 1]
-            bad = angle > most
-            axis = quat[bad, 1:] / np.linalg.norm(quat[bad, 1:], axis=1, keepdims=True)
-            sign = np.where(quat[bad, :1] < 0, -1.0, 1.0)
-            cos, sin = np.cos(most / 2), np.sin(most / 2)
-            clamped = np.concatenate([np.full_like(sign, cos), axis * sign * sin], axis=1)
-        # Keep the hemisphere, so that neighbouring frames stay close as numbers too.
-        flip = (clamped * quat[bad]).sum(axis=1, keepdims=True) < 0
-        quat[bad] = np.where(flip, -clamped, clamped)
+        quat = result[:, model.jnt_qposadr[joint] : model.jnt_qposadr[joint] + 4]
+        angle, most = _ball_angle(quat), model.jnt_range[joint, 1]
+        bad = angle > most
+        axis = quat[bad, 1:] / np.linalg.norm(quat[bad, 1:], axis=1, keepdims=True)
+        sign = np.where(quat[bad, :1] < 0, -1.0, 1.0)
+        cos, sin = np.cos(most / 2), np.sin(most / 2)
+        clamped = np.concatenate([np.full_like(sign, cos), axis * sign * sin], axis=1)
+        quat[bad] = _same_side(clamped, quat[bad])
     return result
+
+
+def _same_side(quat: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return quaternions with the signs that bring them close to others as numbers too."""
+    flip = (quat * other).sum(axis=1, keepdims=True) < 0
+    return np.where(flip, -quat, quat)
 
 
 def _limited(model: mujoco.MjModel) -> list[tuple[int, bool]]:

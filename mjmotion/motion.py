@@ -54,13 +54,13 @@ class Motion:
             raise ClipError(f"qpos is not finite at frames {frame_list(bad)}: mend the clip", bad)
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise ClipError(f"fps is {self.fps}: it must be a positive number")
-        for address in quaternion_addresses(self.model):
-            quat = qpos[:, address : address + 4]
-            norm = np.linalg.norm(quat, axis=1, keepdims=True)
-            bad = np.flatnonzero(norm[:, 0] < 1e-6)
-            if len(bad):
-                raise ClipError(f"a quaternion is zero at frames {frame_list(bad)}", bad)
-            quat /= norm
+        columns = np.array(quaternion_addresses(self.model))[:, None] + np.arange(4)
+        quats = qpos[:, columns]
+        norm = np.sqrt(np.einsum("fqi,fqi->fq", quats, quats))
+        bad = np.flatnonzero((norm < 1e-6).any(axis=1))
+        if len(bad):
+            raise ClipError(f"a quaternion is zero at frames {frame_list(bad)}", bad)
+        qpos[:, columns] = quats / norm[..., None]
         qpos.flags.writeable = False
         object.__setattr__(self, "qpos", qpos)
         object.__setattr__(self, "fps", float(self.fps))

@@ -15,6 +15,7 @@ interpolated exactly. The squares are the default; ``as_printed=True`` gives the
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 import scipy.sparse as sparse
@@ -108,8 +109,19 @@ def fit_level(
     """
     if not spacing > 0:
         raise FitError(f"knot spacing {spacing} must be a positive number of frames")
-    control = fit_matrix(frames, nframe, spacing, as_printed=as_printed) @ data
-    return np.asarray(basis_matrix(np.arange(nframe), nframe, spacing) @ control)
+    fitting, evaluation = _level_matrices(
+        np.asarray(frames, dtype=np.float64).tobytes(), nframe, float(spacing), as_printed
+    )
+    return np.asarray(evaluation @ (fitting @ data))
+
+
+@lru_cache(maxsize=64)
+def _level_matrices(
+    frames: bytes, nframe: int, spacing: float, as_printed: bool
+) -> tuple[sparse.csr_array, sparse.csr_array]:
+    """Both matrices of a level; the levels of a fit come back to the same few."""
+    fitting = fit_matrix(np.frombuffer(frames), nframe, spacing, as_printed=as_printed)
+    return fitting, basis_matrix(np.arange(nframe), nframe, spacing)
 
 
 def fit_multilevel(

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.constraints import Targets
-from mjmotion.ik.limb import Limb, Limbs, LimbState, body_pose, find_limbs
+from mjmotion.ik.limb import Limb, Limbs, LimbState, find_limbs
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import Clearance, Solution, default_weights
-from mjmotion.kinematics import body_dofs
+from mjmotion.kinematics import body_dofs, body_pose
 from mjmotion.rotations import conjugate, cross, dot, exp, log, multiply, rotate, to_matrix
 
 Array = NDArray[np.float64]
@@ -135,15 +135,13 @@ class HybridIK:
 
     def _follow(self, qpos: Array, limbs: Limbs, state: LimbState) -> tuple[_Base, Array]:
         """How the limbs' joints follow the body: (n, nlimb, nbase + 1, 7), the last row swivel."""
-        base = _Base(self.model, limbs, qpos)
-        frame = to_matrix(state.base_quat)
-        ankle = state.hip + (frame @ state.ankle[..., None])[..., 0]
-        twist = base.twist(ankle, frame)
-        rates, swivel = limbs.closure(state)
-        follow = np.empty((*twist.shape[:2], twist.shape[2] + 1, 7))
-        follow[:, :, :-1] = twist @ np.swapaxes(rates, 2, 3)
+        base = _Base(self.model, limbs, qpos, state)
+        moving, turning, swivel = limbs.closure(state)
+        turn, move = base.twist(state.ankle)
+        follow = np.empty((*swivel.shape[:2], len(base.dofs) + 1, 7))
+        follow[:, :, :-1] = move @ np.swapaxes(moving, 2, 3)
+        follow[:, :, :-1, 4:] += turn @ np.swapaxes(turning, 2, 3)
         follow[:, :, -1] = swivel
-        base.hip_push = base.twist(state.hip, frame)[..., 3:]
         return base, follow
 
     def _body_step(
@@ -162,11 +160,12 @@ class HybridIK:
         length = np.sqrt(dot(goal, goal))
         over = np.maximum(0.0, length - REACH_SHARE * limbs.reach)
         if over.any():
-            line = goal / np.maximum(length, 1e-9)[..., None]
-            pull = (base.hip_push @ line[..., None])[..., 0]
-            pull = pull * (REACH_PENALTY**0.5 * (over > 0.0))[..., None]
-            matrix = matrix + pull[..., :, None] * pull[..., None, :]
-            right = right + pull * (REACH_PENALTY**0.5 * over)[..., None]
+            rows = np.flatnonzero(over.any(axis=1))
+            line = goal[rows] / np.maximum(length[rows], 1e-9)[..., None]
+            pull = (base.twist(np.zeros_like(line), rows)[1] @ line[..., None])[..., 0]
+            pull = pull * (REACH_PENALTY**0.5 * (over[rows] > 0.0))[..., None]
+            matrix[rows] += pull[..., :, None] * pull[..., None, :]
+            right[rows] += pull * (REACH_PENALTY**0.5 * over[rows])[..., None]
         matrix = np.sum(matrix, axis=1) + np.diag(self.weights[base.dofs])
         body = np.linalg.solve(matrix, np.sum(right, axis=1)[..., None])
         z = np.empty((*d0.shape[:2], body.shape[1] + 1, 1))
@@ -176,48 +175,67 @@ class HybridIK:
 
 
 class _Base:
-    """Degrees of freedom between the world and the limbs' bases, with their world axes."""
+    """Degrees of freedom between the world and the limbs' bases, in the bases' own frames.
 
-    hip_push: Array
+    Attributes:
+      dofs: (nbase,) the degrees of freedom.
+    """
 
-    def __init__(self, model: mujoco.MjModel, limbs: Limbs, qpos: Array) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, limbs: Limbs, qpos: Array, state: LimbState
+    ) -> None:
         # (nlimb, nbase) which of them carry which limb
         carried = np.stack([body_dofs(model, limb.base) for limb in limbs.limbs])
         self.dofs = np.flatnonzero(carried.any(axis=0))
         self._moves = None if carried[:, self.dofs].all() else carried[:, self.dofs]
+        frame = to_matrix(state.base_quat)
         count = len(self.dofs)
-        self._axis = np.zeros((len(qpos), count, 3))
-        self._anchor = np.zeros((len(qpos), count, 3))
+        shape = (len(qpos), len(limbs), count, 3)
+        self._turn, self._move = np.zeros(shape), np.zeros(shape)
+        self._arm = np.zeros(shape)  # from each axis to the limb's hip
         self._turning = np.ones(count, dtype=bool)
         column = 0
         while column < count:
             joint = int(model.dof_jntid[self.dofs[column]])
-            position, quat = body_pose(model, qpos, int(model.jnt_bodyid[joint]))
+            body = int(model.jnt_bodyid[joint])
+            position, quat = body_pose(model, qpos, body)
             kind = mujoco.mjtJoint(int(model.jnt_type[joint]))
+            own = all(limb.base == body for limb in limbs.limbs)
             if kind == mujoco.mjtJoint.mjJNT_FREE:
-                self._axis[:, column : column + 3] = np.eye(3)
+                self._move[:, :, column : column + 3] = frame
                 self._turning[column : column + 3] = False
                 column += 3
             if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
-                self._axis[:, column : column + 3] = np.swapaxes(to_matrix(quat), 1, 2)
                 width = 3
+                axis = np.eye(3) if own else np.swapaxes(to_matrix(quat), 1, 2)[:, None] @ frame
             else:
-                axis = np.broadcast_to(model.jnt_axis[joint], position.shape)
-                self._axis[:, column] = rotate(quat, axis)
+                local = rotate(quat, np.broadcast_to(model.jnt_axis[joint], position.shape))
+                axis, width = local[:, None, None] @ frame, 1
                 self._turning[column] = kind == mujoco.mjtJoint.mjJNT_HINGE
-                width = 1
-            pivot = np.broadcast_to(model.jnt_pos[joint], position.shape)
-            anchor = position + rotate(quat, pivot)
-            self._anchor[:, column : column + width] = anchor[:, None]
+            columns = slice(column, column + width)
+            if self._turning[column]:
+                if own and not np.any(model.jnt_pos[joint]):
+                    arm = limbs.hip_pos[:, None]  # the base turns about its own origin
+                else:
+                    anchor = position + rotate(quat, np.broadcast_to(model.jnt_pos[joint], (3,)))
+                    arm = (state.hip - anchor[:, None])[:, :, None] @ frame
+                self._turn[:, :, columns], self._arm[:, :, columns] = axis, arm
+            else:
+                self._move[:, :, columns] = axis
             column += width
 
-    def twist(self, point: Array, frame: Array) -> Array:
-        """Return what each dof does at ``point`` (n, nlimb, 3): (n, nlimb, nbase, 6).
+    def twist(
+        self, point: Array, rows: NDArray[np.int64] | None = None
+    ) -> tuple[Array, Array]:
+        """Return what each dof does at ``point``, hip to point (n, nlimb, 3) in the base's frame.
 
-        Turning, then moving, in the frames (n, nlimb, 3, 3).
+        Returns:
+          turning and moving (n, nlimb, nbase, 3), of the frames ``rows`` or of all.
         """
-        turn = np.where(self._turning[:, None], self._axis, 0.0)[:, None]
-        move = cross(turn, point[:, :, None] - self._anchor[:, None])
-        move[:, :, ~self._turning] = self._axis[:, None, ~self._turning]
-        twist = np.concatenate((turn @ frame, move @ frame), axis=-1)
-        return twist if self._moves is None else twist * self._moves[None, :, :, None]
+        chosen = slice(None) if rows is None else rows
+        turn = self._turn[chosen]
+        move = cross(turn, self._arm[chosen] + point[:, :, None]) + self._move[chosen]
+        if self._moves is None:
+            return turn, move
+        moves = self._moves[None, :, :, None]
+        return turn * moves, move * moves

@@ -22,6 +22,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.kinematics import body_pose
 from mjmotion.rotations import (
     between,
     conjugate,
@@ -30,6 +31,7 @@ from mjmotion.rotations import (
     exp,
     log,
     multiply,
+    norm,
     normalized,
     rotate,
     to_matrix,
@@ -39,8 +41,6 @@ Array = NDArray[np.float64]
 
 _BALL = mujoco.mjtJoint.mjJNT_BALL
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE
-_FREE = mujoco.mjtJoint.mjJNT_FREE
-_SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
 _STRAIGHT = 0.02  # least lever of a knee, so that a straight limb's rates stay finite [m]
 
 
@@ -68,49 +68,6 @@ def find_limbs(model: mujoco.MjModel) -> list[Limb]:
 
 def _only_joint(model: mujoco.MjModel, body: int) -> int | None:
     return int(model.jnt_type[model.body_jntadr[body]]) if model.body_jntnum[body] == 1 else None
-
-
-def body_pose(model: mujoco.MjModel, qpos: Array, body: int) -> tuple[Array, Array]:
-    """Return the world position (n, 3) and orientation (n, 4) of one body in every frame.
-
-    Only the joints between the world and the body are visited, which for the pelvis is one.
-    """
-    path = []
-    while body > 0:
-        path.append(body)
-        body = int(model.body_parentid[body])
-    count = len(qpos)
-    position = np.zeros((count, 3))
-    quat = np.tile((1.0, 0.0, 0.0, 0.0), (count, 1))
-    for link in reversed(path):
-        position = position + rotate(quat, np.broadcast_to(model.body_pos[link], (count, 3)))
-        if not np.array_equal(model.body_quat[link], (1.0, 0.0, 0.0, 0.0)):
-            quat = multiply(quat, np.broadcast_to(model.body_quat[link], (count, 4)))
-        first = model.body_jntadr[link]
-        for joint in range(first, first + model.body_jntnum[link]):
-            position, quat = _apply_joint(model, qpos, joint, position, quat)
-    return position, quat
-
-
-def _apply_joint(
-    model: mujoco.MjModel, qpos: Array, joint: int, position: Array, quat: Array
-) -> tuple[Array, Array]:
-    address, kind = model.jnt_qposadr[joint], model.jnt_type[joint]
-    if kind == _FREE:
-        return qpos[:, address : address + 3], qpos[:, address + 3 : address + 7]
-    if kind == _SLIDE:
-        travel = (qpos[:, address] - model.qpos0[address])[:, None]
-        return position + rotate(quat, travel * model.jnt_axis[joint]), quat
-    if kind == _BALL:
-        turn = qpos[:, address : address + 4]
-    else:
-        angle = (qpos[:, address] - model.qpos0[address])[:, None]
-        turn = exp(angle * model.jnt_axis[joint])
-    turned = multiply(quat, turn)
-    if np.any(model.jnt_pos[joint]):
-        pivot = np.broadcast_to(model.jnt_pos[joint], position.shape)
-        position = position + rotate(quat, pivot) - rotate(turned, pivot)
-    return position, turned
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -202,6 +159,11 @@ class Limbs:
         return len(self.limbs)
 
     @property
+    def hip_pos(self) -> Array:
+        """(nlimb, 3) the hips in their bases' frames [m]."""
+        return self._hip_pos
+
+    @property
     def reach(self) -> Array:
         """(nlimb,) the longest hip–ankle distance that the knee's range allows [m]."""
         straight = np.clip(-self._angle0, *self._range)
@@ -289,15 +251,16 @@ class Limbs:
         """Return the ankles' own quaternions (n, nlimb, 4) after a displacement (n, nlimb, 7)."""
         return multiply(state.ankle_turn, exp(displacement[..., 4:]))
 
-    def closure(self, state: LimbState) -> tuple[Array, Array]:
+    def closure(self, state: LimbState) -> tuple[Array, Array, Array]:
         """Return how a limb's joints follow when its base moves and its end stays.
 
         Returns:
-          (n, nlimb, 7, 6) rates of the limb's degrees of freedom for the twist of its base at the
-          ankle, in the base's frame: turning [rad/s], then moving [m/s]; and (n, nlimb, 7) the
-          rates for one radian a second of swivel about the hip–ankle line.
+          (n, nlimb, 7, 3) rates of the limb's degrees of freedom for a base that moves with unit
+          velocity at the ankle, in the base's frame [1/m]; (n, nlimb, 3, 3) those of the ankle
+          alone for a base that turns about it with unit velocity; and (n, nlimb, 7) the rates for
+          one radian a second of swivel about the hip–ankle line.
         """
-        length = np.maximum(np.sqrt(dot(state.ankle, state.ankle)), 1e-9)
+        length = np.maximum(norm(state.ankle), 1e-9)
         line = state.ankle / length[..., None]
         upper, end = to_matrix(state.upper), to_matrix(state.end)
         axis = (upper @ self._axis[..., None])[..., 0]
@@ -307,20 +270,18 @@ class Limbs:
         # Moving with velocity u asks the ankle for -u: the knee gives the part along the line ...
         knee = -line / lever[..., None]
         # ... and the hip the rest: ω = line × (-u - knee_rate push) / length.
-        skew = _skew(line)
-        hip = (skew @ (push[..., :, None] * (-knee)[..., None, :] - np.eye(3))) / length[
-            ..., None, None
-        ]
+        across = cross(line, push) / length[..., None]
+        hip = _skew(-line / length[..., None]) - across[..., :, None] * knee[..., None, :]
         upper, end = np.swapaxes(upper, -1, -2), np.swapaxes(end, -1, -2)
-        follow = np.zeros((*length.shape, 7, 6))
-        follow[..., :3, 3:] = upper @ hip
-        follow[..., 3, 3:] = knee
-        follow[..., 4:, 3:] = -(end @ (hip + axis[..., :, None] * knee[..., None, :]))
-        follow[..., 4:, :3] = -end
+        follow = np.empty((*length.shape, 7, 3))
+        follow[..., :3, :] = upper @ hip
+        follow[..., 3, :] = knee
+        hip += axis[..., :, None] * knee[..., None, :]
+        follow[..., 4:, :] = -(end @ hip)
         swivel = np.zeros((*length.shape, 7))
         swivel[..., :3] = (upper @ line[..., None])[..., 0]
         swivel[..., 4:] = -(end @ line[..., None])[..., 0]
-        return follow, swivel
+        return follow, -end, swivel
 
 
 def _unless_identity(quat: Array) -> Array | None:
