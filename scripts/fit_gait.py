@@ -10,6 +10,7 @@ same, and written as Fourier coefficients to mjmotion/clips/gait.json.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 from pathlib import Path
 
@@ -82,7 +83,7 @@ def find_strides(motion: Motion) -> list[tuple[dict[str, Array], dict[str, float
     found = []
     for side in ("left", "right"):
         heel = [c for c in contacts if c.site == f"{side}_heel"]
-        for first, second in zip(heel[:-1], heel[1:], strict=True):
+        for first, second in itertools.pairwise(heel):
             if first.start == 0:
                 continue
             start, end = first.start, second.start

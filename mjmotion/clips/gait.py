@@ -29,7 +29,7 @@ from mjmotion.clips.gait_feet import (
 from mjmotion.clips.gait_plan import Path, Segment, ease, plan_path, plan_steps
 from mjmotion.clips.gait_table import GaitTable, gait_table
 from mjmotion.exceptions import ClipError, ModelError
-from mjmotion.ik.limb import Limbs, find_limbs
+from mjmotion.ik.limb import Limb, Limbs, find_limbs
 from mjmotion.kinematics import Kinematics
 from mjmotion.motion import Motion
 from mjmotion.rotations import conjugate, exp, multiply, rotate, yaw_quat
@@ -61,9 +61,13 @@ _WIDTHS = (0.17, 0.12)  # of the stance, standing and walking [m]
 _TOE_OUT = np.deg2rad(6.0)
 _KNEE = np.deg2rad(5.0)  # a knee is never straighter
 _STAND_ELBOW = 0.30  # [rad]
-_BOB_EARLY = 0.05
+_HAND = 0.4  # share of the mean wrist: recorded hands are as askew as their markers
+# The recorded people bend their knees more in stance than this walk; with straighter legs the
+# pelvis is lowest a little earlier.
+_BOB_EARLY = 0.05  # [cycles]
 _BOB = 1.6  # the mean over strides and people flattens what each of them does
-_STAND = (0.75, 0.9)  # quiet standing before a start and after a stop [s]
+_NEAR = 40  # the pelvis keeps its height for this long about its lowest [0.01 cycles]
+_STAND = (1.0, 0.9)  # quiet standing before a start and after a stop [s]
 _GRAVITY = 9.81
 _LEAN = (0.25, 0.35)  # shares of the lean into a turn that pelvis and spine take
 _LOOK_AHEAD = 0.45  # how far ahead the head looks into a turn [cycles]
@@ -124,7 +128,8 @@ def _check_model(model: mujoco.MjModel) -> None:
     missing = [name for name in JOINTS if name not in names]
     if missing:
         raise ModelError(
-            f"the built-in walk needs the humanoid: this model lacks the joints {', '.join(missing)}"
+            "the built-in walk needs the humanoid:"
+            f" this model lacks the joints {', '.join(missing)}"
         )
     sites = {model.site(i).name for i in range(model.nsite)}
     wanted = [f"{side}_{part}" for side in _SIDES for part in ("heel", "toe")]
@@ -143,18 +148,16 @@ def _poses(model: mujoco.MjModel, path: Path, psi: Array, stride: float) -> Arra
     swing = _table_swing(model, table)
     scale = min(stride / STRIDE, 1.2)
     feet = partial(_feet, path, shapes, swing)
-    # How high the pelvis can be is found on a grid of its own, so that it is the same at any rate.
-    grid = np.linspace(
-        psi[0] - 0.5, psi[-1] + 0.5, int(np.ceil((psi[-1] - psi[0] + 1.0) * 100)) + 1
-    )
+    # How high the pelvis can be is found on a grid of its own, so that no frame rate changes it.
+    grid = path.psi[::2]
     body = _body(model, table, path, grid, scale)
     room = _room(legs, body, feet(grid))
     qpos = _body(model, table, path, psi, scale)
-    qpos[:, 2] += _height(grid, room, psi)
+    qpos[:, 2] += _height(grid, room, np.clip(psi, grid[0], grid[-1]))
     return _close(legs, qpos, feet(psi))
 
 
-def _leg(model: mujoco.MjModel, side: str):  # type: ignore[no-untyped-def]
+def _leg(model: mujoco.MjModel, side: str) -> Limb:
     foot = int(model.joint(f"{side}_ankle").bodyid[0])
     for limb in find_limbs(model):
         if limb.end == foot:
@@ -181,12 +184,9 @@ def _body(model: mujoco.MjModel, table: GaitTable, path: Path, psi: Array, scale
     qpos[:, 1] = place[:, 1] + along * np.sin(heading) + side * np.cos(heading)
     qpos[:, 2] = up * swing * _BOB
     # Into the turn: what a pendulum under the sideways acceleration would lean.
-    rate = np.gradient(path.heading, path.time)
-    rate = np.interp(psi, path.psi, rate)
-    speed = np.interp(
-        psi, path.psi, np.linalg.norm(np.gradient(path.position, path.time, axis=0), axis=1)
-    )
-    lean = -np.arctan(rate * speed / _GRAVITY)
+    velocity = np.gradient(path.position, path.time, axis=0)
+    pull = np.gradient(path.heading, path.time) * np.linalg.norm(velocity, axis=1)
+    lean = -np.arctan(np.interp(psi, path.psi, pull) / _GRAVITY)
     ahead = path.at(psi + _LOOK_AHEAD)[1] - heading
     turn = table.mean("root_rotation") + table.swing("root_rotation", psi) * swing[:, None]
     turn[:, 0] += _LEAN[0] * lean
@@ -197,6 +197,8 @@ def _body(model: mujoco.MjModel, table: GaitTable, path: Path, psi: Array, scale
         if name.endswith("elbow"):
             mean = _STAND_ELBOW + (mean - _STAND_ELBOW) * swing[:, None]
         values = mean + values
+        if name.endswith("wrist"):
+            values = values - (1.0 - _HAND) * mean
         if name == "spine":
             values[:, 0] += _LEAN[1] * lean
         if name in _CENTRE:
@@ -245,13 +247,16 @@ def _table_swing(model: mujoco.MjModel, table: GaitTable) -> Swing:
 
 
 def _room(legs: Limbs, qpos: Array, feet: tuple[Array, Array]) -> Array:
-    """Return how far (n,) the pelvis must rise for the straighter knee to be as straight as allowed."""
+    """Return how far (n,) the pelvis can rise before a knee is straighter than allowed [m]."""
     hip, _ = legs.bases(qpos)
-    bent = legs._constant + 2.0 * legs._r1r2 * np.cos(_KNEE)
-    flat = ((feet[0] - hip)[..., :2] ** 2).sum(axis=-1)
-    return np.asarray(
-        (feet[0][..., 2] + np.sqrt(np.maximum(bent - flat, 0.01)) - hip[..., 2]).min(axis=1)
+    thigh, shank = (
+        np.linalg.norm(legs.model.body_pos[[getattr(leg, part) for leg in legs.limbs]], axis=1)
+        for part in ("lower", "end")
     )
+    bent = thigh**2 + shank**2 + 2.0 * thigh * shank * np.cos(_KNEE)
+    flat = ((feet[0] - hip)[..., :2] ** 2).sum(axis=-1)
+    highest = feet[0][..., 2] + np.sqrt(np.maximum(bent - flat, 0.01))
+    return np.asarray((highest - hip[..., 2]).min(axis=1))
 
 
 def _height(grid: Array, room: Array, psi: Array) -> Array:
@@ -259,8 +264,8 @@ def _height(grid: Array, room: Array, psi: Array) -> Array:
     from scipy.interpolate import CubicSpline
     from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
-    low = minimum_filter1d(room, 121, mode="nearest")
-    smooth = gaussian_filter1d(low, 20.0, mode="nearest", truncate=3.0)
+    low = minimum_filter1d(room, 2 * _NEAR + 1, mode="nearest")
+    smooth = gaussian_filter1d(low, _NEAR / 3.0, mode="nearest", truncate=3.0)
     return np.asarray(CubicSpline(grid, smooth)(psi))
 
 

@@ -18,15 +18,18 @@ from mjmotion.clips.gait_plan import Steps, ease
 
 Array = NDArray[np.float64]
 
-# Phases of a stance, from heel strike on [cycles]. The recordings' contacts have 0.09, 0.43 and 0.62;
+# Phases of a stance, from heel strike on [cycles]. The recordings' contacts have 0.09, 0.43, 0.62;
 # a sole that does not bend at the toes rises a little earlier.
 FOOT_FLAT, HEEL_OFF, TOE_OFF = 0.09, 0.40, 0.60
 STRIKE = np.deg2rad(21.0)  # toes up at heel strike of a full stride
-PUSH = np.deg2rad(50.0)  # heel up at its toe-off
-LEAST_PUSH = 0.45  # share of that even for the smallest step
+PUSH = np.deg2rad(47.0)  # heel up at its toe-off
+LEAST_PUSH = 0.35  # share of that even for the smallest step
+_LATER = 0.11  # how much later a foot leaves for the smallest step [cycles]
 _EARLY = 0.03  # how long before the heel strike the toes begin to fall [cycles]
-_RISE = 2.4  # power of the heel's rise
+_RISE = 2.2  # power of the heel's rise
 _STEP = 1e-3  # of the numeric derivatives [cycles]
+_CARRY = 0.3  # share of its acceleration that a foot keeps over toe-off: it is kicked off
+_TAKE_OFF, _TOUCH = 0.2, 0.22  # speeds at which toes leave and heels come down [m/cycle]
 _CLEARANCE = 0.014  # of the sole in mid-swing [m]
 _LIFT_AT = np.linspace(0.2, 0.75, 23)  # where in the swing that is looked at
 _SAMPLES = 96  # of a swing's shape
@@ -47,6 +50,11 @@ def foot_shape(model: mujoco.MjModel, side: str) -> FootShape:
     return FootShape(np.array(heel), np.array(toe))
 
 
+def toe_off(steps: Steps) -> Array:
+    """Return the phase (k,) of each stance at which the foot leaves: a slow step is a late one."""
+    return np.asarray(TOE_OFF + _LATER * (1.0 - steps.leaving))
+
+
 def stance(steps: Steps, index: Array, psi: Array, shape: FootShape) -> Array:
     """Return the foot in stances.
 
@@ -65,7 +73,7 @@ def stance(steps: Steps, index: Array, psi: Array, shape: FootShape) -> Array:
     standing_out = (index == len(steps.strike) - 1) & steps.last
     early = 1.0 - ease((phase + _EARLY) / (FOOT_FLAT + _EARLY))
     landing = np.where(standing_in, 0.0, STRIKE * steps.landing[index] * early)
-    late = np.maximum((phase - HEEL_OFF) / (TOE_OFF - HEEL_OFF), 0.0) ** _RISE
+    late = np.maximum((phase - HEEL_OFF) / (toe_off(steps)[index] - HEEL_OFF), 0.0) ** _RISE
     share = LEAST_PUSH + (1.0 - LEAST_PUSH) * steps.leaving[index]
     push = np.where(standing_out, 0.0, PUSH * share * late)
     pitch = push - landing
@@ -84,15 +92,18 @@ def foot_motion(steps: Steps, psi: Array, shape: FootShape, swing: Swing) -> Arr
     """Return the foot (n, 5) at phases (n,), as :func:`stance` does."""
     index = np.clip(np.searchsorted(steps.strike, psi, side="right") - 1, 0, None)
     result = stance(steps, index, psi, shape)
-    flying = (psi > steps.strike[index] + TOE_OFF) & (index < len(steps.strike) - 1)
+    leaves = steps.strike + toe_off(steps)
+    flying = (psi > leaves[index]) & (index < len(steps.strike) - 1)
     if not flying.any():
         return result
     here = index[flying]
-    begin, end = steps.strike[here] + TOE_OFF, steps.strike[here + 1]
+    begin, end = leaves[here], steps.strike[here + 1]
     span = (end - begin)[:, None]
     u = (psi[flying] - begin) / span[:, 0]
     leave = _state(lambda at: stance(steps, here, at, shape), begin, _STEP, span)
     join = _state(lambda at: stance(steps, here + 1, at, shape), end, _STEP, span)
+    leave[1][:, 2] += _TAKE_OFF * span[:, 0]
+    join[1][:, 2] -= _TOUCH * span[:, 0]
     path = swing.between(leave, join)
     lift = _lift(path, here, shape)
     result[flying] = path(u)
@@ -125,7 +136,7 @@ def _lift(path: Callable[[Array], Array], step: Array, shape: FootShape) -> Arra
 def _state(
     curve: Callable[[Array], Array], at: Array, step: float, scale: Array
 ) -> tuple[Array, Array, Array]:
-    """Return value, rate and the rate's rate of a curve, the latter by ``scale`` of its argument."""
+    """Return value, rate and the rate's rate of a curve, by ``scale`` of its argument."""
     before, here, after = curve(at - step), curve(at), curve(at + step)
     rate = (after - before) / (2 * step)
     return here, rate * scale, (after - 2 * here + before) / step**2 * scale**2
@@ -161,7 +172,8 @@ class Swing:
         """Return the swings from one state of the foot to another, as a function of u (n,).
 
         Args:
-          begin, end: foot (n, 5), its rate and the rate's rate by u.
+          begin: foot (n, 5), its rate and the rate's rate by u, as it leaves.
+          end: the same as it lands.
         """
         from scipy.interpolate import CubicSpline
 
@@ -174,7 +186,7 @@ class Swing:
             step = ease(u)
             extra = np.column_stack((gone - step, gone - step, np.zeros((len(u), 3))))
             foot = begin[0] + (step[:, None] + extra) * rise
-            foot[:, 2] += np.sqrt(share) * up
+            foot[:, 2] += share * up
             foot[:, 3] += share * pitch
             return foot
 
@@ -184,9 +196,10 @@ class Swing:
 
         def joined(u: Array) -> Array:
             first, second = _BLEND
+            free = np.array((_CARRY, _CARRY, 1.0, 1.0, 1.0))
             return (
                 path(u)
-                + _departure(u / first, begin[1] - leave[1], begin[2] - leave[2], first)
+                + _departure(u / first, begin[1] - leave[1], free * (begin[2] - leave[2]), first)
                 + _departure((1.0 - u) / second, join[1] - end[1], end[2] - join[2], second)
             )
 
@@ -204,7 +217,9 @@ def find_swing(forward: Array, up: Array, pitch: Array) -> Swing:
     """Return the swing of the table's foot.
 
     Args:
-      forward, up, pitch: ankle [m] and foot [rad] over the ground, (m,) at :func:`swing_phases`.
+      forward: where the ankle is over the ground (m,) at :func:`swing_phases` [m].
+      up: its height (m,) [m].
+      pitch: the foot's, toes down positive (m,) [rad].
     """
     u = (swing_phases() - TOE_OFF) / (1.0 - TOE_OFF)
     first, last = 4, len(u) - 5
