@@ -35,7 +35,7 @@ MIXED = """
 
 HIP, THIGH, SHANK, SOLE = 0.9275, 0.4288, 0.4305, 0.0682  # of the humanoid [m]
 STEP_TIME, SWING_TIME = 0.6, 0.4  # of the walk [s]
-STEP_LENGTH, STEP_HEIGHT, CROUCH = 0.36, 0.06, 0.06  # [m]
+STEP_LENGTH, STEP_HEIGHT, CROUCH = 0.26, 0.06, 0.05  # [m]
 
 
 @functools.cache
