@@ -44,6 +44,7 @@ REACH_FREE = 0.97  # share of a leg's length that a root path may always ask for
 REACH_MOST = 0.995  # the most it may ask for, where the source did
 DROP_TIME = 0.2  # scale of the root's fall and rise where a leg would not reach [s]
 ROOT_STIFFNESS = 15.0  # how much stiffer the root is than elsewhere: its path is planned
+GIVE_ROUNDS = 2  # times that the fitted motion is asked whether its ankles can follow
 DUCK_ROUNDS = 6  # at most, with the finest of the knots that serve to find the way
 STUCK = 0.02  # deeper than this in an obstacle after all, and the way is barred [m]
 
@@ -242,6 +243,29 @@ def adapt(
         clearance=clearance,
         first_guess=shift,
     )
+    contacts_left = what.contacts
+    for _ in range(GIVE_ROUNDS):
+        # Only the fitted motion shows for certain what the ankles are asked for.
+        paths, contacts_left = give(result.motion, find_feet(clip.model), what.paths, contacts_left)
+        if paths == what.paths:
+            break
+        what = dataclasses.replace(what, paths=paths, contacts=contacts_left)
+        again = fit(
+            result.motion,
+            [*what.constraints(), *constraints],
+            levels=[2.0],
+            ik=ik,
+            weights=stiff_root(clip.model),
+            first_guess=False,
+        )
+        result = dataclasses.replace(
+            again,
+            trace=dataclasses.replace(
+                result.trace,
+                fit_seconds=result.trace.fit_seconds + again.trace.fit_seconds,
+                exact_error_percent=again.trace.exact_error_percent,
+            ),
+        )
     if clearance is not None:
         _check_passage(clearance, result)
     return Adaptation(

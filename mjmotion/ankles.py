@@ -26,10 +26,11 @@ from mjmotion.smoothing import envelope
 
 Array = NDArray[np.float64]
 
-MARGIN = 0.06  # how far within its range an ankle is kept [rad]
+MARGIN = 0.04  # how far within its range an ankle is kept [rad]
 GIVE_TIME = 0.1  # scale of the giving's rise and fall [s]
 SHORTEST = 0.07  # what is left of a contact is dropped when it is shorter [s]
 _ROUNDS = 3
+SLACK = 0.035  # what an ankle may use of the margin before anything gives [rad]
 _LIFTED = 5e-4  # a heel this far off its foothold no longer stands [m]
 
 
@@ -77,6 +78,8 @@ def _turn_back(motion: Motion, limbs: Limbs, foot: Foot, path: FootPath) -> Foot
     end = multiply(conjugate(state.base_quat), end_quat[:, None])
     displacement = limbs.close(state, goal, end)
     ankle = limits.swing_twist(limbs.ankle_turn(state, displacement)[:, 0])
+    if not ((ankle < box[:, 0] + MARGIN - SLACK) | (ankle > box[:, 1] - MARGIN + SLACK)).any():
+        return None
     lack = np.zeros_like(ankle)
     free = np.zeros(motion.nframe, dtype=bool)
     time = GIVE_TIME * motion.fps

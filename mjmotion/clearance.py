@@ -29,6 +29,7 @@ MARGIN = 0.02  # distance kept from what cannot be stepped over [m]
 STEP_MARGIN = 0.006  # distance kept from steps, on which a foot and so a shin is at home [m]
 DRAWN = 0.22  # how far before and after itself a tall obstacle counts [m]
 STEP_HEIGHT = 0.45  # an obstacle whose top is higher over the ground cannot be stepped over [m]
+ON_TOP = 0.02  # a foothold this close to an obstacle's box stands on it [m]
 OVERHEAD = 0.8  # an obstacle whose bottom is higher is passed under, never over [m]
 LONG = 2.0  # how far a tall obstacle is drawn out, so that its ends are out of the way [m]
 RAISED = 1.0  # how much higher such an obstacle is taken to be [m]
@@ -126,7 +127,8 @@ def find_obstacles(
         apart = np.maximum(0.0, np.maximum(low - stands, stands - high))[:, :2]
         ground = stands[np.argmin(np.hypot(apart[:, 0], apart[:, 1])), 2] if len(stands) else 0.0
         drawn, direction, span = surface, np.zeros(3), (-np.inf, np.inf)
-        if high[2] - ground > STEP_HEIGHT:
+        stood_on = ((stands > low - ON_TOP) & (stands < high + ON_TOP)).all(axis=1).any()
+        if high[2] - ground > STEP_HEIGHT and not stood_on:
             close = distance < distance[nearest] + 0.4
             heading = way[close].sum(axis=0)
             direction = heading / max(float(np.linalg.norm(heading)), 1e-9)

@@ -37,7 +37,9 @@ FIRST_SPACING = 16.0 / 30.0  # the paper's coarsest knots: 16 frames at 30 fps [
 FINEST = 2.0  # frames a knot of the last level
 EDGE_RESIDUAL = 1e-4  # what may be left beside free frames before the exact pass [m]
 TOUCHING = 0.004  # nearer than this to an obstacle, and another level follows [m]
+RISE_TIME = 0.25  # over how long the root rises or sinks for a limb to reach at last [s]
 _EXTRA_LEVELS = 6  # at most, at the finest spacing, to get the edges that close
+_PASSES = 2  # times that Eq. 2 is applied at a level's knots: then to what the first time left
 _STILL = 1e-9  # a displacement this small is rounding [rad or m]
 
 
@@ -145,7 +147,10 @@ def fit(
         if traced and last_error <= tolerance:
             break
         if len(frames):
-            submap = fit_level(frames, displacement, motion.nframe, spacing)
+            submap = np.zeros((motion.nframe, motion.model.nv))
+            for _ in range(_PASSES):
+                left = displacement - submap[frames]
+                submap += fit_level(frames, left, motion.nframe, spacing)
             qpos = oplus(motion.model, qpos, submap)
         traced.append((spacing, time.perf_counter() - start, last_error))
         if progress is not None:
@@ -154,6 +159,9 @@ def fit(
             if _wants_more(motion, qpos, targets, clearance):
                 queue.append(spacings[-1])
     if exact and len(targets.frames) and len(targets.sites):
+        rise = solver.shortfall(qpos[targets.frames], targets)
+        if rise.any():
+            qpos[:, 2] += _spread(rise, targets.frames, motion)
         solution = solver.enforce(qpos[targets.frames], targets)
         last_error = float(solution.error.max(initial=0.0))
         qpos[targets.frames] = oplus(motion.model, qpos[targets.frames], solution.displacement)
@@ -217,6 +225,25 @@ def _over_all_frames(targets: Targets, nframe: int) -> Targets:
     for name, values in spread.items():
         values[targets.frames] = getattr(targets, name)
     return Targets(frames=np.arange(nframe), sites=targets.sites, **spread)  # type: ignore[arg-type]
+
+
+def _spread(rise: Array, frames: NDArray[np.int64], motion: Motion) -> Array:
+    """Spread what the root must rise or sink at some frames smoothly over those around (nframe,).
+
+    A sliding maximum, then a smooth window no wider than it: nowhere less than what is needed.
+    """
+    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+    width = max(1, round(RISE_TIME * motion.fps / 3.0))
+    spread = np.zeros(motion.nframe)
+    for sign in (1.0, -1.0):
+        need = np.zeros(motion.nframe)
+        need[frames] = np.maximum(sign * rise, 0.0)
+        need = maximum_filter1d(need, 6 * width + 1, mode="nearest")
+        for _ in range(3):
+            need = uniform_filter1d(need, 2 * width + 1, mode="nearest")
+        spread += sign * need
+    return spread
 
 
 def _held(targets: Targets) -> NDArray[np.bool_]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -27,8 +28,8 @@ Array = NDArray[np.float64]
 
 SOLE_BAND = 0.004  # foot geometry this close to the sole plane counts as sole [m]
 EDGE_MARGIN = 0.015  # how far inside an edge a sole keeps [m]
-ROUGH = 0.006  # how far ground may be from the sole plane before a better spot is sought [m]
-SINK = 0.003  # how far the ground may rise into the sole [m]
+ROUGH = 0.005  # how far ground may be from the sole plane before a better spot is sought [m]
+SINK = 0.0035  # how far the ground may rise into the sole [m]
 SEARCH_RADIUS = 0.34  # how far a foothold may move [m]
 APPROACH = 0.06  # how far before the toe and behind the heel no step may rise [m]
 STEP = 0.02  # a rise there that counts as a step [m]
@@ -58,6 +59,7 @@ class Foot:
     shape: Array
 
 
+@lru_cache(maxsize=8)
 def find_feet(model: mujoco.MjModel) -> tuple[Foot, ...]:
     """Return the feet: bodies with sites ``<side>_heel``, ``<side>_toe`` and ``<side>_foot``.
 

@@ -35,9 +35,10 @@ from mjmotion.smoothing import blend, envelope, fade
 Array = NDArray[np.float64]
 
 FADE_TIME = 0.03  # what a contact took away dies out as exp(-t / this) [s]
+FADE_FRAMES = 1.5  # the same at least, so that a few frames share what one would show [frames]
 DIP = 0.001  # how far a foot that rolls on one contact may dig in with its side [m]
 STUCK = 0.002  # how far in a step a lifted foot may be before it is held back [m]
-LIFT_PULL = 60.0  # acceleration with which a foot can be lifted off, or set down [m/s²]
+LIFT_PULL = 30.0  # acceleration with which a foot can be lifted off, or set down [m/s²]
 LIFT_TIME = 0.12  # scale of a lift's rise and fall [s]
 CLEARANCE = 0.022  # most clearance that a swing is given on its own account [m]
 CLEARANCE_MORE = 0.0015  # clearance that a swing gets over its source's, up to that [m]
@@ -98,10 +99,11 @@ def foot_path(
     holds = _Holds(foot, mine, nframe)
     shift, turn = _carry(mine, nframe)
     base = multiply(turn, source_quat)
-    quat = _turned(foot, holds, base, FADE_TIME * fps)
+    fading = max(FADE_TIME * fps, FADE_FRAMES)
+    quat = _turned(foot, holds, base, fading)
     position = source_pos + shift
     held = holds.site_position(quat)
-    position = position + fade(holds.any, held - position, FADE_TIME * fps)
+    position = position + fade(holds.any, held - position, fading)
     position[holds.any] = held[holds.any]
     wanted = _wanted_clearance(foot, source_pos, source_quat, mine, nframe)
     step_over = _StepOver(foot, quat, wanted, holds.any, ground, fps)

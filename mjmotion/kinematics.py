@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from mjmotion.exceptions import ModelError, unknown_name
 from mjmotion.rotations import cross, exp, multiply, rotate
+from mjmotion.shapes import geom_points
 
 Array = NDArray[np.float64]
 
@@ -39,22 +40,21 @@ def site_id(model: mujoco.MjModel, name: str) -> int:
 
 @lru_cache(maxsize=8)
 def character_height(model: mujoco.MjModel) -> float:
-    """Return the height of the character at ``qpos0`` [m]: from its lowest geom to its highest.
+    """Return the height of the character at ``qpos0`` [m]: from its lowest point to its highest.
 
-    Only geoms of bodies under the free root count, with their bounding boxes.
+    Points of the surfaces of all geoms under the free root, and their sites and bodies.
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    mine = character_geoms(model)
-    if len(mine) == 0:
-        sites = data.site_xpos[model.body_rootid[model.site_bodyid] == root_body(model), 2]
-        bodies = data.xpos[model.body_rootid == root_body(model), 2]
-        heights = np.concatenate((sites, bodies))
-        return float(np.ptp(heights))
-    matrix = data.geom_xmat[mine].reshape(-1, 3, 3)
-    centre = data.geom_xpos[mine] + np.einsum("gij,gj->gi", matrix, model.geom_aabb[mine, :3])
-    half = np.einsum("gj,gj->g", np.abs(matrix[:, 2]), model.geom_aabb[mine, 3:])
-    return float(np.max(centre[:, 2] + half) - np.min(centre[:, 2] - half))
+    root = root_body(model)
+    heights = [
+        data.xpos[model.body_rootid == root, 2],
+        data.site_xpos[model.body_rootid[model.site_bodyid] == root, 2],
+    ]
+    for geom in character_geoms(model):
+        upwards = data.geom_xmat[geom].reshape(3, 3)[2]
+        heights.append(data.geom_xpos[geom, 2] + geom_points(model, int(geom)) @ upwards)
+    return float(np.ptp(np.concatenate(heights)))
 
 
 def root_body(model: mujoco.MjModel) -> int:

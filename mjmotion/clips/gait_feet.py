@@ -20,16 +20,16 @@ Array = NDArray[np.float64]
 
 # Phases of a stance, from heel strike on [cycles]. The recordings' contacts have 0.09, 0.43, 0.62;
 # a sole that does not bend at the toes rises a little earlier.
-FOOT_FLAT, HEEL_OFF, TOE_OFF = 0.09, 0.40, 0.60
+FOOT_FLAT, HEEL_OFF, TOE_OFF = 0.09, 0.42, 0.60
 STRIKE = np.deg2rad(21.0)  # toes up at heel strike of a full stride
 PUSH = np.deg2rad(47.0)  # heel up at its toe-off
 LEAST_PUSH = 0.35  # share of that even for the smallest step
 _LATER = 0.11  # how much later a foot leaves for the smallest step [cycles]
-_EARLY = 0.03  # how long before the heel strike the toes begin to fall [cycles]
-_RISE = 2.2  # power of the heel's rise
+_EARLY = 0.01  # how long before the heel strike the toes begin to fall [cycles]
+_RISE = 2.0  # power of the heel's rise
 _STEP = 1e-3  # of the numeric derivatives [cycles]
 _CARRY = 0.3  # share of its acceleration that a foot keeps over toe-off: it is kicked off
-_TAKE_OFF, _TOUCH = 0.2, 0.22  # speeds at which toes leave and heels come down [m/cycle]
+_TAKE_OFF, _TOUCH = 0.2, 0.15  # speeds at which toes leave and heels come down [m/cycle]
 _CLEARANCE = 0.014  # of the sole in mid-swing [m]
 _LIFT_AT = np.linspace(0.2, 0.75, 23)  # where in the swing that is looked at
 _SAMPLES = 96  # of a swing's shape

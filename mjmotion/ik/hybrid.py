@@ -30,7 +30,7 @@ from mjmotion.rotations import conjugate, cross, dot, exp, log, multiply, rotate
 Array = NDArray[np.float64]
 
 REACH_PENALTY = 3e3  # ω of Eq. 6 for a limb that does not reach [1/m²]
-REACH_SHARE = 0.998  # share of a limb's length that counts as reach: a straight knee is singular
+REACH_SHARE = 0.996  # share of a limb's length that counts as reach: a straight knee is singular
 
 
 class HybridIK:
@@ -72,6 +72,24 @@ class HybridIK:
             few = self._numeric.solve(qpos[rows], targets.at(rows), inequalities)
             displacement[rows], error[rows] = few.displacement, few.error
         return Solution(displacement, error)
+
+    def shortfall(self, qpos: Array, targets: Targets) -> Array:
+        """Return how far the root would have to go up (n,) [m] for every held limb to reach."""
+        limbs, closable, _ = self._split(targets)
+        rise = np.zeros(len(qpos))
+        if limbs is None:
+            return rise
+        state = limbs.state(qpos)
+        goal, _, _ = self._goals(limbs, state, closable)
+        square, reach = dot(goal, goal), REACH_SHARE * limbs.reach
+        rows, which = np.nonzero(square > reach * reach)
+        apart = rotate(state.base_quat[rows, which], goal[rows, which])
+        flat = np.hypot(apart[:, 0], apart[:, 1])
+        allowed = np.sqrt(np.maximum(reach[which] ** 2 - flat**2, (0.5 * reach[which]) ** 2))
+        # The limb that is furthest short decides.
+        order = np.argsort(np.abs(apart[:, 2]) - allowed)
+        rise[rows[order]] = (np.sign(apart[:, 2]) * (np.abs(apart[:, 2]) - allowed))[order]
+        return rise
 
     def enforce(self, qpos: Array, targets: Targets) -> Solution:
         """Close every held limb where the body is (§4.4): the body stays as fitted."""

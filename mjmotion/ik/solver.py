@@ -68,6 +68,10 @@ class IKSolver(Protocol):
         """Return displacements for poses (n, nq) at ``targets.frames``."""
         ...
 
+    def shortfall(self, qpos: Array, targets: Targets) -> Array:
+        """Return how far the root would have to go up (n,) [m] for the targets to be in reach."""
+        ...
+
     def enforce(self, qpos: Array, targets: Targets) -> Solution:
         """Return displacements that meet every target exactly (§4.4), moving the root least."""
         ...

@@ -29,6 +29,10 @@ class Ground:
     def __init__(self, scene: Scene) -> None:
         self.model = solid_model(scene.model)
         self._rays = RayCaster(self.model)
+        fields = self.model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD
+        walls = copy.copy(self.model)
+        walls.geom_rgba[fields, 3] = 0.0
+        self._wall_rays = RayCaster(walls)
 
     def under(self, points: Array) -> tuple[Array, Array]:
         """Return the surface under points, seen from :data:`LOOK_FROM` above each.
@@ -50,10 +54,13 @@ class Ground:
 
 
     def blocked(self, origins: Array, spans: Array, margin: float = 0.0) -> bool:
-        """Return whether any segment (n, 3) + (n, 3), made longer by ``margin``, hits a solid."""
+        """Return whether any segment (n, 3) + (n, 3), made longer by ``margin``, hits a wall.
+
+        Heightfields are no walls, and slow for rays that go along them.
+        """
         length = np.linalg.norm(spans, axis=1)
         direction = spans / np.maximum(length, 1e-9)[:, None]
-        distance, _, _ = self._rays.cast(origins, direction)
+        distance, _, _ = self._wall_rays.cast(origins, direction)
         return bool(((distance >= 0.0) & (distance < length + margin)).any())
 
 
