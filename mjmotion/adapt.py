@@ -256,6 +256,7 @@ def adapt(
             levels=[2.0],
             ik=ik,
             weights=stiff_root(clip.model),
+            clearance=clearance,
             first_guess=False,
         )
         result = dataclasses.replace(

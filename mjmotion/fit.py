@@ -24,7 +24,7 @@ from mjmotion.constraints import SiteConstraint, Targets, lay_out
 from mjmotion.exceptions import FitError, unknown_name
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.solver import Clearance, IKSolver, position_error
+from mjmotion.ik.solver import Clearance, IKSolver, default_weights, position_error
 from mjmotion.kinematics import character_height, site_positions
 from mjmotion.motion import Motion
 from mjmotion.spline import fit_level, fit_multilevel
@@ -38,9 +38,11 @@ FINEST = 2.0  # frames a knot of the last level
 EDGE_RESIDUAL = 1e-4  # what may be left beside free frames before the exact pass [m]
 TOUCHING = 0.004  # nearer than this to an obstacle, and another level follows [m]
 RISE_TIME = 0.25  # over how long the root rises or sinks for a limb to reach at last [s]
+LIMIT_SLACK = 1e-5  # how far a closed limb may be out of its range before the root gives [rad]
+_EASES = 4
 _EXTRA_LEVELS = 6  # at most, at the finest spacing, to get the edges that close
 _PASSES = 2  # times that Eq. 2 is applied at a level's knots: then to what the first time left
-_STILL = 1e-9  # a displacement this small is rounding [rad or m]
+_STILL = 1e-6  # a displacement this small is rounding [rad or m]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,6 +164,13 @@ def fit(
         rise = solver.shortfall(qpos[targets.frames], targets)
         if rise.any():
             qpos[:, 2] += _spread(rise, targets.frames, motion)
+        for _ in range(_EASES):
+            solution = solver.enforce(qpos[targets.frames], targets)
+            closed = oplus(motion.model, qpos[targets.frames], solution.displacement)
+            over = limits.limit_excess(motion.model, closed).max(axis=1, initial=0.0)
+            if not (over > LIMIT_SLACK).any():
+                break
+            qpos = _ease(motion, qpos, targets, np.flatnonzero(over > LIMIT_SLACK), spacings)
         solution = solver.enforce(qpos[targets.frames], targets)
         last_error = float(solution.error.max(initial=0.0))
         qpos[targets.frames] = oplus(motion.model, qpos[targets.frames], solution.displacement)
@@ -244,6 +253,28 @@ def _spread(rise: Array, frames: NDArray[np.int64], motion: Motion) -> Array:
             need = uniform_filter1d(need, 2 * width + 1, mode="nearest")
         spread += sign * need
     return spread
+
+
+def _ease(
+    motion: Motion,
+    qpos: Array,
+    targets: Targets,
+    rows: NDArray[np.int64],
+    spacings: Sequence[float],
+) -> Array:
+    """Move the root, smoothly, where closed limbs would leave their range.
+
+    The numeric solver knows limits and finds where the root would have to be at those frames; a
+    level of its own spreads that to the frames around them.
+    """
+    weights = default_weights(motion.model)
+    weights[:6] = 1.0
+    frames = targets.frames[rows]
+    wish = NumericIK(motion.model, weights, iterations=4).solve(qpos[frames], targets.at(rows))
+    root = np.zeros((len(frames), motion.model.nv))
+    root[:, :6] = wish.displacement[:, :6]
+    spacing = min(spacings[0], RISE_TIME * motion.fps)
+    return oplus(motion.model, qpos, fit_level(frames, root, motion.nframe, spacing))
 
 
 def _held(targets: Targets) -> NDArray[np.bool_]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import sys
 from pathlib import Path
 
 import mujoco
@@ -129,7 +130,11 @@ def test_algorithm_1_word_by_word() -> None:
     targets, qpos = lay_out(constraints, motion.model, motion.nframe), motion.qpos
     for spacing in (12, 6):
         displacement = solver.solve(qpos[targets.frames], targets).displacement
-        submap = fit_level(targets.frames, displacement, motion.nframe, spacing)
+        submap = np.zeros((motion.nframe, motion.model.nv))
+        # Line 8 may be done more than once at the same knots, each time to what is left.
+        for _ in range(getattr(sys.modules[fit.__module__], "_PASSES", 1)):
+            left = displacement - submap[targets.frames]
+            submap += fit_level(targets.frames, left, motion.nframe, spacing)
         qpos = oplus(motion.model, qpos, submap)
     assert limit_excess(motion.model, qpos).max() == 0.0
     result = fit(motion, constraints, levels=(12, 6), ik="numeric", first_guess=False, exact=False)

@@ -12,10 +12,12 @@ from mjmotion.kinematics import (
     Kinematics,
     RayCaster,
     body_dofs,
+    body_pose,
     character_geoms,
     character_height,
     root_body,
     site_id,
+    site_positions,
 )
 from mjmotion.tangent import oplus
 
@@ -120,6 +122,21 @@ def test_rows_are_jacobians_along_a_direction() -> None:
         spread = np.tile(points[number], (5, 1))
         jacp, _ = pose.jacobian(spread, int(body), np.arange(model.nv))
         np.testing.assert_allclose(rows[number], normals[number] @ jacp[frame], atol=JACOBIAN)
+
+
+@pytest.mark.parametrize("name", sorted(MODELS))
+def test_a_few_bodies_and_sites_without_a_batch(name: str) -> None:
+    model = MODELS[name]()
+    qpos = random_poses(model, 6, 10, size=1.0)
+    pose = Kinematics(model, 6).forward(qpos)
+    for body in range(model.nbody):
+        position, quat = body_pose(model, qpos, body)
+        np.testing.assert_allclose(position, pose.xpos[:, body], atol=JACOBIAN)
+        same = np.abs(np.sum(quat * pose.xquat[:, body], axis=1))
+        np.testing.assert_allclose(same, 1.0, atol=JACOBIAN)
+    sites = np.arange(model.nsite)[::-1]
+    found = site_positions(model, qpos, sites)
+    np.testing.assert_allclose(found, pose.site_xpos[:, sites], atol=JACOBIAN)
 
 
 def test_dofs_of_a_body() -> None:
