@@ -1,0 +1,275 @@
+"""The whole of an adaptation, small: a made-up walk on grounds, through doors, with wishes."""
+
+from __future__ import annotations
+
+import functools
+
+import mujoco
+import numpy as np
+import pytest
+from made_up import humanoid, loop_sites, walk
+
+from mjmotion.adapt import Adaptation, adapt, place, plan, stiff_root
+from mjmotion.constraints import SiteConstraint
+from mjmotion.contacts import Contact, detect_contacts
+from mjmotion.exceptions import ConstraintError, ContactError, FitError, ModelError, SceneError
+from mjmotion.ik.solver import default_weights
+from mjmotion.kinematics import character_geoms
+from mjmotion.limits import limit_excess
+from mjmotion.motion import Motion
+from mjmotion.scene import Doorway, Scene, doors, flat, load_scene, slope, stairs
+from mjmotion.scene.ground import Ground
+from mjmotion.tangent import ominus
+
+DRIFT = 1e-3  # of a contact's site over its contact [m]
+GAP = 2e-3  # of a contact's site over planes and steps [m]
+LIMIT = 1e-4  # [rad]
+
+
+@functools.cache
+def clip() -> Motion:
+    return walk(3.6)
+
+
+SCENES = {
+    "flat": lambda: Scene.from_spec(flat(), "flat"),
+    "slope": lambda: Scene.from_spec(slope(angle=7.0, distance=0.4, length=2.0), "slope"),
+    "stairs": lambda: Scene.from_spec(stairs(steps=2, rise=0.1, tread=0.5, distance=0.5), "stairs"),
+    "doors": lambda: Scene.from_spec(doors((Doorway(x=0.9, height=1.66, width=1.2),), base=flat())),
+}
+
+
+@functools.cache
+def scene(name: str) -> Scene:
+    return SCENES[name]()
+
+
+@functools.cache
+def adapted(name: str, ik: str = "hybrid") -> Adaptation:
+    return adapt(clip(), scene(name), ik=ik)
+
+
+def drift_and_gap(result: Adaptation, where: Scene) -> tuple[float, float]:
+    """Largest drift of a contact's site, and height over the ground, from MuJoCo itself [m]."""
+    sites, ground = loop_sites(result.motion.model, result.motion.qpos), Ground(where)
+    drift, gap = 0.0, 0.0
+    for contact in result.contacts:
+        site = result.motion.model.site(contact.site).id
+        points = sites[contact.start : contact.end, site]
+        drift = max(drift, float(np.linalg.norm(points - points.mean(axis=0), axis=1).max()))
+        gap = max(gap, float(np.abs(points[:, 2] - ground.under(points)[0]).max()))
+    return drift, gap
+
+
+@pytest.mark.parametrize("name", sorted(SCENES))
+def test_contacts_hold_and_limits_are_kept(name: str) -> None:
+    result = adapted(name)
+    drift, gap = drift_and_gap(result, scene(name))
+    assert drift < DRIFT and gap < GAP
+    assert limit_excess(result.motion.model, result.motion.qpos).max() < LIMIT
+    assert len(result.contacts) >= 8 and result.unmet == ()
+    assert result.motion.nframe == result.source.nframe == clip().nframe
+    assert result.motion.fps == result.source.fps == 30.0
+
+
+@pytest.mark.parametrize("name", sorted(SCENES))
+def test_motions_are_on_the_composed_model(name: str) -> None:
+    result = adapted(name)
+    model = result.spec.compile()
+    assert model.ngeom > humanoid().ngeom
+    for motion in (result.source, result.motion):
+        assert motion.model.nq == model.nq == humanoid().nq
+        assert motion.model.ngeom == model.ngeom
+    expected = place(clip(), scene(name))
+    np.testing.assert_array_equal(result.source.qpos, expected.qpos)
+
+
+def test_on_level_ground_little_changes() -> None:
+    """The root stays to a few millimetres, the joints to a few degrees, the head altogether."""
+    result = adapted("flat")
+    moved = ominus(humanoid(), result.motion.qpos, result.source.qpos)
+    assert np.abs(moved[:, :3]).max() < 0.01  # [m]
+    assert np.abs(moved[:, 3:]).max() < 0.2  # [rad], where swings are lifted
+    assert np.median(np.abs(moved).max(axis=1)) < 0.06
+    upper = np.concatenate(
+        [humanoid().joint(n).dofadr[0] + np.arange(3) for n in ("neck", "head", "left_shoulder")]
+    )
+    assert (moved[:, upper] == 0.0).all()
+
+
+def test_both_solvers_agree() -> None:
+    one, other = adapted("slope"), adapted("slope", "numeric")
+    apart = ominus(humanoid(), one.motion.qpos, other.motion.qpos)
+    assert np.abs(apart[:, :3]).max() < 0.01  # [m]
+    assert np.abs(apart).max() < 0.15 and np.abs(apart).mean() < 0.01  # [rad]
+    drift, gap = drift_and_gap(other, scene("slope"))
+    assert drift < DRIFT and gap < GAP
+
+
+def test_on_a_slope_the_root_climbs_with_the_ground() -> None:
+    result = adapted("slope")
+    source, motion = result.source.qpos, result.motion.qpos
+    ramp = np.tan(np.radians(7.0)) * np.clip(source[:, 0] - 0.4, 0.0, 2.0)
+    np.testing.assert_allclose(motion[:, 2] - source[:, 2], ramp, atol=0.05)
+    assert np.ptp(motion[:, 0]) == pytest.approx(np.ptp(source[:, 0]), rel=0.03)
+
+
+def test_the_trace_tells_the_levels() -> None:
+    trace = adapted("slope").trace
+    assert [one.frames_per_knot for one in trace.levels][:4] == [16, 8, 4, 2]
+    errors = [one.max_error_percent for one in trace.levels]
+    assert errors[-1] < errors[0] and trace.exact_error_percent < 0.1
+    assert trace.fit_seconds > 0.0 and trace.nscalar == 12 * clip().nframe
+
+
+def body_in_solids(result: Adaptation) -> float:
+    """How deep any geom but the feet's is in any box of the scene, by mj_geomDistance [m]."""
+    model = result.motion.model
+    data = mujoco.MjData(model)
+    feet = {model.body(f"{side}_foot").id for side in ("left", "right")}
+    mine = [g for g in character_geoms(model, colliding=True) if model.geom_bodyid[g] not in feet]
+    boxes = np.flatnonzero(
+        (model.geom_type == mujoco.mjtGeom.mjGEOM_BOX) & (model.geom_contype > 0)
+    )
+    boxes = [b for b in boxes if model.body_weldid[model.geom_bodyid[b]] == 0]
+    depth = 0.0
+    for pose in result.motion.qpos:
+        data.qpos[:] = pose
+        mujoco.mj_kinematics(model, data)
+        for box in boxes:
+            near = np.linalg.norm(data.geom_xpos[mine] - data.geom_xpos[box], axis=1)
+            for geom in np.array(mine)[near < model.geom_rbound[box] + 0.3]:
+                distance = mujoco.mj_geomDistance(model, data, int(geom), int(box), 0.1, None)
+                depth = max(depth, -distance)
+    return depth
+
+
+def test_it_ducks_under_a_low_door() -> None:
+    result = adapted("doors")
+    assert body_in_solids(result) == 0.0
+    source, motion = (
+        loop_sites(m.model, m.qpos)[:, m.model.site("head_top").id]
+        for m in (result.source, result.motion)
+    )
+    under = np.abs(source[:, 0] - 0.9) < 0.06
+    away = np.abs(source[:, 0] - 0.9) > 1.0
+    assert under.any() and motion[under, 2].max() < 1.66
+    assert source[under, 2].min() > 1.66 - 0.03
+    if away.any():
+        assert np.abs(motion[away, 2] - source[away, 2]).max() < 0.03
+    # It goes on walking: the way through is not a way around.
+    assert np.ptp(result.motion.qpos[:, 0]) == pytest.approx(
+        np.ptp(result.source.qpos[:, 0]), rel=0.03
+    )
+    assert np.abs(result.motion.qpos[:, 1] - result.source.qpos[:, 1]).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    "door", [Doorway(x=0.9, height=0.9, width=1.2), Doorway(x=0.9, height=2.1, width=0.22)]
+)
+def test_doors_that_cannot_be_passed(door: Doorway) -> None:
+    with pytest.raises(SceneError, match="bars the way") as caught:
+        adapt(clip(), Scene.from_spec(doors((door,), base=flat())))
+    assert caught.value.frames and "\n" not in str(caught.value)
+
+
+def test_no_ground_under_the_walk() -> None:
+    spec = mujoco.MjSpec.from_string(
+        '<mujoco><worldbody><geom type="box" size=".5 .5 .1" pos="0 0 -.1"/></worldbody></mujoco>'
+    )
+    with pytest.raises(SceneError, match="no ground under the walk"):
+        adapt(clip(), Scene.from_spec(spec))
+
+
+def test_the_scenes_start_turns_and_moves_the_walk() -> None:
+    spec = flat()
+    for site in spec.sites:
+        if site.name == "start":
+            site.pos, site.quat = (2.0, -1.0, 0.0), (np.cos(0.6), 0.0, 0.0, np.sin(0.6))
+    there = Scene.from_spec(spec)
+    placed = place(clip(), there)
+    way = placed.qpos[-1, :2] - placed.qpos[0, :2]
+    assert np.arctan2(way[1], way[0]) == pytest.approx(1.2, abs=0.01)
+    np.testing.assert_allclose(placed.qpos[0, :2], (2.0, -1.0), atol=0.01)
+    result = adapt(clip(), there)
+    assert drift_and_gap(result, there)[0] < DRIFT
+    moved = ominus(humanoid(), result.motion.qpos, result.source.qpos)
+    flat_moved = ominus(humanoid(), adapted("flat").motion.qpos, adapted("flat").source.qpos)
+    np.testing.assert_allclose(moved[:, 6:], flat_moved[:, 6:], atol=5e-3)
+
+
+def test_wishes_of_the_users() -> None:
+    """A hand on a rail for a while, on top of what the ground asks."""
+    sites = loop_sites(humanoid(), clip().qpos)
+    frames = np.arange(50, 60)
+    start = sites[frames, humanoid().site("left_hand").id] + (0.05, 0.1, 0.25)
+    rail = SiteConstraint("left_hand", frames, start)
+    result = adapt(clip(), scene("flat"), constraints=[rail])
+    found = loop_sites(result.motion.model, result.motion.qpos)
+    site = result.motion.model.site("left_hand").id
+    assert np.linalg.norm(found[frames, site] - start, axis=1).max() < 1e-3
+    assert drift_and_gap(result, scene("flat"))[0] < DRIFT
+    away = np.abs(ominus(humanoid(), result.motion.qpos, adapted("flat").motion.qpos)).max(axis=1)
+    assert away[55] > 0.1 and away[[0, 108]].max() < 0.01
+
+
+def test_wishes_out_of_reach_are_reported() -> None:
+    far = SiteConstraint("right_hand", np.arange(40, 44), (0.4, -0.2, 4.0))
+    result = adapt(clip(), scene("flat"), constraints=[far])
+    (unmet,) = [one for one in result.unmet if "right_hand" in one.constraint]
+    assert unmet.frames == (40, 41, 42, 43) and unmet.residual_mm > 1000.0
+    with pytest.raises(ConstraintError):
+        adapt(
+            clip(), scene("flat"), constraints=[SiteConstraint("face", np.array((999,)), (0, 0, 1))]
+        )
+
+
+def test_contacts_of_the_users() -> None:
+    found = detect_contacts(clip())
+    own = tuple(Contact(c.site, c.start + 1, c.end - 1) for c in found if c.end - c.start > 6)
+    result = adapt(clip(), scene("slope"), contacts=own[::-1])
+    assert set(result.contacts) == set(own)
+    assert drift_and_gap(result, scene("slope"))[0] < DRIFT
+    with pytest.raises(ContactError, match="109 frames"):
+        adapt(clip(), scene("flat"), contacts=(Contact("left_toe", 0, 500),))
+    with pytest.raises(ContactError, match="no contacts"):
+        adapt(clip(), scene("flat"), contacts=())
+
+
+def test_bad_settings() -> None:
+    with pytest.raises(FitError, match="IK solver"):
+        adapt(clip(), scene("flat"), ik="newton")
+    with pytest.raises(FitError, match="levels"):
+        adapt(clip(), scene("flat"), levels=())
+    with pytest.raises(ModelError):
+        adapt(clip(), scene("flat"), character="humanoyd")
+
+
+def test_the_plan_and_its_parts() -> None:
+    what = plan(clip(), scene("doors"))
+    assert {o.name for o in what.obstacles if o.tall}
+    assert what.root_shift.shape == (clip().nframe, 3)
+    assert [c.site for c in what.constraints()] == ["left_foot", "right_foot"]
+    assert plan(clip(), scene("flat")).obstacles == ()
+    stages: list[str] = []
+    adapt(clip(), scene("doors"), progress=stages.append)
+    assert stages == ["contacts and footholds", "clearances", "fit"]
+    weights = stiff_root(humanoid()) / default_weights(humanoid())
+    assert (weights[:6] > 1.0).all() and (weights[6:] == 1.0).all()
+
+
+def test_arguments_stay() -> None:
+    kept = clip().qpos.copy()
+    adapt(clip(), scene("slope"))
+    np.testing.assert_array_equal(clip().qpos, kept)
+    again = adapt(clip(), scene("slope"))
+    np.testing.assert_array_equal(again.motion.qpos, adapted("slope").motion.qpos)
+
+
+def test_the_shipped_terrain() -> None:
+    """On a heightfield: contacts hold, and the soles are on the ground to a centimetre."""
+    where = load_scene("terrain")
+    result = adapt(clip(), where)
+    drift, gap = drift_and_gap(result, where)
+    assert drift < DRIFT and gap < 0.03  # [m]
+    assert limit_excess(result.motion.model, result.motion.qpos).max() < LIMIT
