@@ -228,7 +228,11 @@ def test_contacts_of_the_users() -> None:
     found = detect_contacts(clip())
     own = tuple(Contact(c.site, c.start + 1, c.end - 1) for c in found if c.end - c.start > 6)
     result = adapt(clip(), scene("slope"), contacts=own[::-1])
-    assert set(result.contacts) == set(own)
+    # What is left of the given contacts: where an ankle has to give, the heel rises sooner.
+    for contact in result.contacts:
+        spans = [(c.start, c.end) for c in own if c.site == contact.site]
+        assert any(a <= contact.start and contact.end <= b for a, b in spans)
+    assert {c.site for c in result.contacts} == {c.site for c in own}
     assert drift_and_gap(result, scene("slope"))[0] < DRIFT
     with pytest.raises(ContactError, match="109 frames"):
         adapt(clip(), scene("flat"), contacts=(Contact("left_toe", 0, 500),))
