@@ -149,10 +149,7 @@ def fit(
         if traced and last_error <= tolerance:
             break
         if len(frames):
-            submap = np.zeros((motion.nframe, motion.model.nv))
-            for _ in range(_PASSES):
-                left = displacement - submap[frames]
-                submap += fit_level(frames, left, motion.nframe, spacing)
+            submap = fit_level(frames, displacement, motion.nframe, spacing, passes=_PASSES)
             qpos = oplus(motion.model, qpos, submap)
         traced.append((spacing, time.perf_counter() - start, last_error))
         if progress is not None:
@@ -161,20 +158,9 @@ def fit(
             if _wants_more(motion, qpos, targets, clearance):
                 queue.append(spacings[-1])
     if exact and len(targets.frames) and len(targets.sites):
-        rise = solver.shortfall(qpos[targets.frames], targets)
-        if rise.any():
-            qpos[:, 2] += _spread(rise, targets.frames, motion)
-        for _ in range(_EASES):
-            solution = solver.enforce(qpos[targets.frames], targets)
-            closed = oplus(motion.model, qpos[targets.frames], solution.displacement)
-            over = limits.limit_excess(motion.model, closed).max(axis=1, initial=0.0)
-            if not (over > LIMIT_SLACK).any():
-                break
-            qpos = _ease(motion, qpos, targets, np.flatnonzero(over > LIMIT_SLACK), spacings)
-        solution = solver.enforce(qpos[targets.frames], targets)
-        last_error = float(solution.error.max(initial=0.0))
-        qpos[targets.frames] = oplus(motion.model, qpos[targets.frames], solution.displacement)
-    qpos = limits.clamp_to_limits(motion.model, qpos)
+        qpos, last_error = _enforce(solver, motion, qpos, targets, spacings)
+    else:
+        qpos = limits.clamp_to_limits(motion.model, qpos)
     fitted = motion.replace(qpos)
     residual = residuals(fitted, targets)
     seconds = time.perf_counter() - began
@@ -234,6 +220,33 @@ def _over_all_frames(targets: Targets, nframe: int) -> Targets:
     for name, values in spread.items():
         values[targets.frames] = getattr(targets, name)
     return Targets(frames=np.arange(nframe), sites=targets.sites, **spread)  # type: ignore[arg-type]
+
+
+def _enforce(
+    solver: IKSolver, motion: Motion, qpos: Array, targets: Targets, spacings: Sequence[float]
+) -> tuple[Array, float]:
+    """The exact pass (§4.4): poses within limits that meet the targets, and the error before.
+
+    Where a limb would not reach, or would leave its range, the root gives first, over more frames
+    than those, so that nothing jerks.
+    """
+    frames = targets.frames
+    solution = solver.enforce(qpos[frames], targets)
+    error = float(solution.error.max(initial=0.0))
+    if solution.rise is not None and solution.rise.any():
+        qpos = qpos.copy()
+        qpos[:, 2] += _spread(solution.rise, frames, motion)
+        solution = solver.enforce(qpos[frames], targets)
+    for turn in range(_EASES + 1):
+        closed = qpos.copy()
+        closed[frames] = oplus(motion.model, qpos[frames], solution.displacement)
+        clamped = limits.clamp_to_limits(motion.model, closed)
+        over = np.abs(clamped[frames] - closed[frames]).max(axis=1) > LIMIT_SLACK
+        if turn == _EASES or not over.any():
+            break
+        qpos = _ease(motion, qpos, targets, np.flatnonzero(over), spacings)
+        solution = solver.enforce(qpos[frames], targets)
+    return clamped, error
 
 
 def _spread(rise: Array, frames: NDArray[np.int64], motion: Motion) -> Array:

@@ -97,9 +97,18 @@ def fit_level(
     nframe: int,
     spacing: float,
     *,
+    passes: int = 1,
     as_printed: bool = False,
 ) -> NDArray[np.float64]:
     """Fit one level to ``data`` (n, k) at ``frames`` (n,) and return it at every frame.
+
+    Args:
+      frames: (n,) frames that have data.
+      data: (n, k) values.
+      nframe: frames of the result.
+      spacing: frames a knot.
+      passes: times that Eq. 2 is applied at these knots, each time to what is left.
+      as_printed: divide by ΣB_k, as the paper prints it, in place of ΣB_k².
 
     Returns:
       (nframe, k) values of the spline (Eq. 2).
@@ -109,19 +118,24 @@ def fit_level(
     """
     if not spacing > 0:
         raise FitError(f"knot spacing {spacing} must be a positive number of frames")
-    fitting, evaluation = _level_matrices(
+    fitting, there, everywhere = _level_matrices(
         np.asarray(frames, dtype=np.float64).tobytes(), nframe, float(spacing), as_printed
     )
-    return np.asarray(evaluation @ (fitting @ data))
+    control = fitting @ data
+    for _ in range(passes - 1):
+        control += fitting @ (data - there @ control)
+    return np.asarray(everywhere @ control)
 
 
 @lru_cache(maxsize=64)
 def _level_matrices(
     frames: bytes, nframe: int, spacing: float, as_printed: bool
-) -> tuple[sparse.csr_array, sparse.csr_array]:
-    """Both matrices of a level; the levels of a fit come back to the same few."""
-    fitting = fit_matrix(np.frombuffer(frames), nframe, spacing, as_printed=as_printed)
-    return fitting, basis_matrix(np.arange(nframe), nframe, spacing)
+) -> tuple[sparse.csr_array, sparse.csr_array, sparse.csr_array]:
+    """Fitting, and evaluation at the data and at every frame; the levels of a fit share them."""
+    at = np.frombuffer(frames)
+    fitting = fit_matrix(at, nframe, spacing, as_printed=as_printed)
+    everywhere = basis_matrix(np.arange(nframe), nframe, spacing)
+    return fitting, basis_matrix(at, nframe, spacing), everywhere
 
 
 def fit_multilevel(

@@ -25,7 +25,17 @@ from mjmotion.ik.limb import Limb, Limbs, LimbState, find_limbs
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import Clearance, Solution, default_weights
 from mjmotion.kinematics import body_dofs, body_pose
-from mjmotion.rotations import conjugate, cross, dot, exp, log, multiply, rotate, to_matrix
+from mjmotion.rotations import (
+    conjugate,
+    cross,
+    dot,
+    exp,
+    log,
+    multiply,
+    norm,
+    rotate,
+    to_matrix,
+)
 
 Array = NDArray[np.float64]
 
@@ -46,6 +56,7 @@ class HybridIK:
         self.weights = default_weights(model) if weights is None else np.asarray(weights)
         self._numeric = NumericIK(model, self.weights)
         self._ends = {limb.end: limb for limb in find_limbs(model)}
+        self._fixed: tuple[Targets, Array, Array] | None = None
         self._plan: tuple[bytes, Limbs | None, NDArray[np.bool_]] | None = None
 
     def solve(
@@ -59,10 +70,9 @@ class HybridIK:
             state = limbs.state(qpos)
             goal, end, error = self._goals(limbs, state, closable)
             d0 = limbs.close(state, goal, end)
-            base, follow = self._follow(qpos, limbs, state)
-            z = self._body_step(limbs, base, follow, d0, goal)
-            step = d0 + (np.swapaxes(follow, 2, 3) @ z)[..., 0]
-            displacement[:, base.dofs] = z[:, 0, :-1, 0]
+            base, follow, swivel = self._follow(qpos, limbs, state)
+            body, step = self._body_step(limbs, base, follow, swivel, d0, goal)
+            displacement[:, base.dofs] = body
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
         if inequalities is not None:
             other = other.copy()
@@ -73,39 +83,22 @@ class HybridIK:
             displacement[rows], error[rows] = few.displacement, few.error
         return Solution(displacement, error)
 
-    def shortfall(self, qpos: Array, targets: Targets) -> Array:
-        """Return how far the root would have to go up (n,) [m] for every held limb to reach."""
-        limbs, closable, _ = self._split(targets)
-        rise = np.zeros(len(qpos))
-        if limbs is None:
-            return rise
-        state = limbs.state(qpos)
-        goal, _, _ = self._goals(limbs, state, closable)
-        square, reach = dot(goal, goal), REACH_SHARE * limbs.reach
-        rows, which = np.nonzero(square > reach * reach)
-        apart = rotate(state.base_quat[rows, which], goal[rows, which])
-        flat = np.hypot(apart[:, 0], apart[:, 1])
-        allowed = np.sqrt(np.maximum(reach[which] ** 2 - flat**2, (0.5 * reach[which]) ** 2))
-        # The limb that is furthest short decides.
-        order = np.argsort(np.abs(apart[:, 2]) - allowed)
-        rise[rows[order]] = (np.sign(apart[:, 2]) * (np.abs(apart[:, 2]) - allowed))[order]
-        return rise
-
     def enforce(self, qpos: Array, targets: Targets) -> Solution:
         """Close every held limb where the body is (§4.4): the body stays as fitted."""
         displacement = np.zeros((len(qpos), self.model.nv))
-        error = np.zeros(len(qpos))
+        error, rise = np.zeros(len(qpos)), np.zeros(len(qpos))
         limbs, closable, other = self._split(targets)
         if limbs is not None:
             state = limbs.state(qpos)
             goal, end, error = self._goals(limbs, state, closable)
             step = limbs.close(state, goal, end)
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
+            rise = _rise(limbs, state, goal)
         rows = np.flatnonzero(other)
         if len(rows):
             few = self._numeric.enforce(qpos[rows], targets.at(rows))
             displacement[rows], error[rows] = few.displacement, few.error
-        return Solution(displacement, error)
+        return Solution(displacement, error, rise)
 
     def _split(self, targets: Targets) -> tuple[Limbs | None, Targets, NDArray[np.bool_]]:
         """The limbs to close, their targets, and which frames (n,) hold something else besides.
@@ -136,60 +129,102 @@ class HybridIK:
         What is not held stays as it is: the orientation of the end, or the place of the site.
         """
         point = self.model.site_pos[targets.sites]
-        to_end = conjugate(self.model.site_quat[targets.sites])
         current = multiply(state.base_quat, state.end)
         arm = rotate(current, point - limbs.end_anchor)
         site = state.hip + rotate(state.base_quat, state.ankle) + arm
         gap = targets.position - site
         held = targets.position_weight
         error = np.sqrt(np.max(dot(gap, gap) * (held > 0.0), axis=1, initial=0.0))
-        end_quat = multiply(targets.quat, to_end)
-        if not (targets.turn_weight == 1.0).all():
+        to_base = conjugate(state.base_quat)
+        if (targets.turn_weight == 1.0).all() and (held == 1.0).all():
+            ankle, end_quat = self._fixed_goals(limbs, targets)
+        else:
+            end_quat = multiply(targets.quat, conjugate(self.model.site_quat[targets.sites]))
             turn = log(multiply(conjugate(current), end_quat)) * targets.turn_weight[..., None]
             end_quat = multiply(current, exp(turn))
-        position = targets.position if (held == 1.0).all() else site + held[..., None] * gap
-        goal = limbs.goal(state, position, end_quat, point)
-        return goal, multiply(conjugate(state.base_quat), end_quat), error
+            position = site + held[..., None] * gap
+            ankle = position - rotate(end_quat, point - limbs.end_anchor)
+        return rotate(to_base, ankle - state.hip), multiply(to_base, end_quat), error
 
-    def _follow(self, qpos: Array, limbs: Limbs, state: LimbState) -> tuple[_Base, Array]:
-        """How the limbs' joints follow the body: (n, nlimb, nbase + 1, 7), the last row swivel."""
+    def _fixed_goals(self, limbs: Limbs, targets: Targets) -> tuple[Array, Array]:
+        """Ankles and end orientations in the world that targets ask for, whatever the pose."""
+        if self._fixed is None or self._fixed[0] is not targets:
+            end_quat = multiply(targets.quat, conjugate(self.model.site_quat[targets.sites]))
+            point = self.model.site_pos[targets.sites] - limbs.end_anchor
+            ankle = targets.position - rotate(end_quat, point)
+            self._fixed = (targets, ankle, end_quat)
+        return self._fixed[1], self._fixed[2]
+
+    def _follow(self, qpos: Array, limbs: Limbs, state: LimbState) -> tuple[_Base, Array, Array]:
+        """How the limbs' joints follow the body, (n, nbase, nlimb, 7), and swivel (n, nlimb, 7)."""
         base = _Base(self.model, limbs, qpos, state)
         moving, turning, swivel = limbs.closure(state)
         turn, move = base.twist(state.ankle)
-        follow = np.empty((*swivel.shape[:2], len(base.dofs) + 1, 7))
-        follow[:, :, :-1] = move @ np.swapaxes(moving, 2, 3)
-        follow[:, :, :-1, 4:] += turn @ np.swapaxes(turning, 2, 3)
-        follow[:, :, -1] = swivel
-        return base, follow
+        follow = np.empty((len(qpos), len(base.dofs), *swivel.shape[1:]))
+        by_limb = follow.swapaxes(1, 2)
+        np.matmul(move, np.swapaxes(moving, 2, 3), out=by_limb)
+        by_limb[..., 4:] += turn @ np.swapaxes(turning, 2, 3)
+        return base, follow, swivel
 
     def _body_step(
-        self, limbs: Limbs, base: _Base, follow: Array, d0: Array, goal: Array
-    ) -> Array:
-        """Solve ``(Tᵀ M T) z = −Tᵀ M d0``, swivels eliminated: (n, nlimb, nbase + 1, 1)."""
-        weighted = follow * self.weights[limbs.dofs][:, None]
-        gram = weighted @ np.swapaxes(follow, 2, 3)
-        slope = -(weighted @ d0[..., None])[..., 0]
-        # Each swivel couples its own limb only: take it out by its Schur complement.
-        swivel = np.maximum(gram[..., -1, -1], 1e-9)
-        couple = gram[..., -1, :-1]
-        share = couple / swivel[..., None]
-        matrix = gram[..., :-1, :-1] - couple[..., :, None] * share[..., None, :]
-        right = slope[..., :-1] - share * slope[..., -1:]
-        length = np.sqrt(dot(goal, goal))
-        over = np.maximum(0.0, length - REACH_SHARE * limbs.reach)
-        if over.any():
-            rows = np.flatnonzero(over.any(axis=1))
-            line = goal[rows] / np.maximum(length[rows], 1e-9)[..., None]
-            pull = (base.twist(np.zeros_like(line), rows)[1] @ line[..., None])[..., 0]
-            pull = pull * (REACH_PENALTY**0.5 * (over[rows] > 0.0))[..., None]
-            matrix[rows] += pull[..., :, None] * pull[..., None, :]
-            right[rows] += pull * (REACH_PENALTY**0.5 * over[rows])[..., None]
-        matrix = np.sum(matrix, axis=1) + np.diag(self.weights[base.dofs])
-        body = np.linalg.solve(matrix, np.sum(right, axis=1)[..., None])
-        z = np.empty((*d0.shape[:2], body.shape[1] + 1, 1))
-        z[:, :, :-1] = body[:, None]
-        z[:, :, -1, 0] = slope[..., -1] / swivel - (share[..., None, :] @ z[:, :, :-1])[..., 0, 0]
-        return z
+        self, limbs: Limbs, base: _Base, follow: Array, swivel: Array, d0: Array, goal: Array
+    ) -> tuple[Array, Array]:
+        """Solve ``(Tᵀ M T) z = −Tᵀ M d0``: displacements of the body (n, nbase), limbs (n, nlimb, 7).
+
+        A swivel couples its own limb only, so it is taken out first: each column of T, and d0, keep
+        just what no swivel could make up for.
+        """
+        count = len(base.dofs)
+        root = np.sqrt(self.weights[limbs.dofs])
+        turn = swivel * root
+        turn = turn / np.maximum(norm(turn), 1e-9)[..., None]
+        rows = follow * root
+        rows -= np.einsum("nbkd,nkd->nbk", rows, turn)[..., None] * turn[:, None]
+        rest = d0 * root
+        rest = rest - dot(rest, turn)[..., None] * turn
+        rows = rows.reshape(len(rows), count, -1)
+        matrix = rows @ rows.swapaxes(1, 2)
+        right = -(rows @ rest.reshape(len(rest), -1, 1))
+        self._pull_into_reach(limbs, base, goal, matrix, right)
+        index = np.arange(count)
+        matrix[:, index, index] += self.weights[base.dofs]
+        body = np.linalg.solve(matrix, right)
+        step = rest.reshape(len(rest), -1) + (body.swapaxes(1, 2) @ rows)[:, 0]
+        return body[..., 0], step.reshape(d0.shape) / root
+
+    def _pull_into_reach(
+        self, limbs: Limbs, base: _Base, goal: Array, matrix: Array, right: Array
+    ) -> None:
+        """Add the penalty on limbs that are too short for their goals to the normal equations."""
+        square = dot(goal, goal)
+        reach = REACH_SHARE * limbs.reach
+        far = square > reach * reach
+        if not far.any():
+            return
+        rows = np.flatnonzero(far.any(axis=1))
+        length = np.sqrt(square[rows])
+        over = np.where(far[rows], length - reach, 0.0)
+        line = goal[rows] / length[..., None]
+        pull = (base.twist(np.zeros_like(line), rows)[1] @ line[..., None])[..., 0]
+        pull = pull * (REACH_PENALTY**0.5 * far[rows])[..., None]
+        matrix[rows] += np.einsum("nkb,nkc->nbc", pull, pull)
+        right[rows] += (REACH_PENALTY**0.5 * np.einsum("nkb,nk->nb", pull, over))[..., None]
+
+
+def _rise(limbs: Limbs, state: LimbState, goal: Array) -> Array:
+    """How far the root would have to go up (n,) [m] for every limb to reach; down is negative."""
+    rise = np.zeros(len(goal))
+    square, reach = dot(goal, goal), REACH_SHARE * limbs.reach
+    rows, which = np.nonzero(square > reach * reach)
+    if len(rows):
+        base_quat = np.broadcast_to(state.base_quat, (*goal.shape[:2], 4))
+        apart = rotate(base_quat[rows, which], goal[rows, which])
+        flat = apart[:, 0] ** 2 + apart[:, 1] ** 2
+        allowed = np.sqrt(np.maximum(reach[which] ** 2 - flat, (0.5 * reach[which]) ** 2))
+        short = np.abs(apart[:, 2]) - allowed
+        order = np.argsort(short)  # the limb that is furthest short decides
+        rise[rows[order]] = (np.sign(apart[:, 2]) * short)[order]
+    return rise
 
 
 class _Base:

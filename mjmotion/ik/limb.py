@@ -75,7 +75,7 @@ class LimbState:
     """Where the limbs are, (n, nlimb, …); all but ``base_quat`` and ``hip`` in the base's frame.
 
     Attributes:
-      base_quat: (n, nlimb, 4) world orientation of the body each limb hangs from.
+      base_quat: (n, nlimb, 4) world orientation of the body each limb hangs from, or (n, 1, 4).
       hip: (n, nlimb, 3) world position of the hip [m].
       upper: (n, nlimb, 4) orientation of the upper segment.
       angle: (n, nlimb) knee angle from ``qpos0`` [rad].
@@ -171,10 +171,16 @@ class Limbs:
         return np.asarray(np.sqrt(square))
 
     def bases(self, qpos: Array) -> tuple[Array, Array]:
-        """Return hips (n, nlimb, 3) [m] and base orientations (n, nlimb, 4) in the world."""
-        poses = {base: body_pose(self.model, qpos, base) for base in {x.base for x in self.limbs}}
-        quat = np.stack([poses[limb.base][1] for limb in self.limbs], axis=1)
-        position = np.stack([poses[limb.base][0] for limb in self.limbs], axis=1)
+        """Return hips (n, nlimb, 3) [m] and base orientations in the world.
+
+        The orientations are (n, nlimb, 4), or (n, 1, 4) where all limbs hang from one body.
+        """
+        bodies = list(dict.fromkeys(limb.base for limb in self.limbs))
+        poses = {body: body_pose(self.model, qpos, body) for body in bodies}
+        carrying = bodies if len(bodies) == 1 else [limb.base for limb in self.limbs]
+        position, quat = (
+            np.stack([poses[body][part] for body in carrying], axis=1) for part in (0, 1)
+        )
         return position + rotate(quat, self._hip_pos), quat
 
     def state(self, qpos: Array) -> LimbState:

@@ -63,10 +63,6 @@ class NumericIK:
         freedom = np.broadcast_to(1.0 / self.weights, (len(qpos), self.model.nv))
         return self._descend(qpos, targets, inequalities, freedom, self.iterations)
 
-    def shortfall(self, qpos: Array, targets: Targets) -> Array:
-        """Return zeros (n,): ``enforce`` moves the root itself where it has to."""
-        return np.zeros(len(qpos))
-
     def enforce(self, qpos: Array, targets: Targets) -> Solution:
         """Return displacements that meet ``targets`` with the root nearly still (§4.4)."""
         freedom = np.array(np.broadcast_to(1.0 / self.weights, (len(qpos), self.model.nv)))

@@ -52,11 +52,14 @@ class Clearance(Protocol):
 class Solution:
     """Displacements (n, nv), and how far the poses handed in were from their targets.
 
-    ``error`` (n,) is the largest position error of a frame before solving [m].
+    ``error`` (n,) is the largest position error of a frame before solving [m]. ``rise`` (n,), where
+    the solver leaves the root alone, is how far the root would have to go up for all to be in reach
+    [m]; down is negative.
     """
 
     displacement: Array
     error: Array
+    rise: Array | None = None
 
 
 class IKSolver(Protocol):
@@ -66,10 +69,6 @@ class IKSolver(Protocol):
         self, qpos: Array, targets: Targets, inequalities: Clearance | None = None
     ) -> Solution:
         """Return displacements for poses (n, nq) at ``targets.frames``."""
-        ...
-
-    def shortfall(self, qpos: Array, targets: Targets) -> Array:
-        """Return how far the root would have to go up (n,) [m] for the targets to be in reach."""
         ...
 
     def enforce(self, qpos: Array, targets: Targets) -> Solution:
