@@ -21,28 +21,30 @@ from numpy.typing import NDArray
 from mjmotion.ankles import give
 from mjmotion.assets import find_asset
 from mjmotion.clearance import MARGIN, Obstacle, ObstacleClearance, find_obstacles
-from mjmotion.constraints import SiteConstraint
+from mjmotion.constraints import SiteConstraint, lay_out
 from mjmotion.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.exceptions import ContactError, SceneError, frame_list
-from mjmotion.fit import Fit, Trace, Unmet, default_levels, fit
+from mjmotion.fit import Fit, Trace, Unmet, default_levels, fit, over_all_frames
 from mjmotion.footholds import Foothold, find_feet, find_footholds, find_stances
 from mjmotion.footpaths import FootPath, foot_path
 from mjmotion.ik.limb import Limbs, find_limbs
+from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import default_weights
 from mjmotion.kinematics import Kinematics, Pose
 from mjmotion.motion import Motion
 from mjmotion.rotations import multiply, rotate, yaw_quat
 from mjmotion.scene import Scene, compose
 from mjmotion.scene.ground import Ground
-from mjmotion.smoothing import envelope
-from mjmotion.spline import fit_multilevel
+from mjmotion.smoothing import cover
+from mjmotion.spline import fit_level, fit_multilevel
+from mjmotion.tangent import oplus
 
 Array = NDArray[np.float64]
 
 DUCK_MARGIN = 0.05  # distance kept while the way through is found, more than in the end [m]
 REACH_FREE = 0.97  # share of a leg's length that a root path may always ask for
 REACH_MOST = 0.995  # the most it may ask for, where the source did
-DROP_TIME = 0.2  # scale of the root's fall and rise where a leg would not reach [s]
+DROP_TIME = 0.3  # how far on either side it is felt that a leg would not reach [s]
 ROOT_STIFFNESS = 15.0  # how much stiffer the root is than elsewhere: its path is planned
 GIVE_ROUNDS = 2  # times that the fitted motion is asked whether its ankles can follow
 DUCK_ROUNDS = 6  # at most, with the finest of the knots that serve to find the way
@@ -185,8 +187,7 @@ def _drop(source: Motion, pose: Pose, paths: Sequence[FootPath], shift: Array) -
         flat = np.linalg.norm(apart[:, :2], axis=1)
         allowed = np.sqrt(np.maximum(most**2 - flat**2, (0.5 * reach) ** 2))
         need = np.maximum(need, apart[:, 2] - allowed)
-    free = np.zeros(source.nframe, dtype=bool)
-    return envelope(need, free, DROP_TIME * source.fps)
+    return cover(need, DROP_TIME * source.fps)
 
 
 def adapt(
@@ -231,7 +232,7 @@ def adapt(
         say("clearances")
         body = mujoco.MjSpec.from_file(str(find_asset("model", character)))
         clearance = ObstacleClearance(body, what.obstacles, find_feet(clip.model), clip.nframe)
-        start, shift = _duck(what, wanted, clearance, levels, ik), False
+        start, shift = _duck(what, wanted, clearance, levels), False
     say("fit")
     result = fit(
         start,
@@ -291,42 +292,29 @@ def _duck(
     wanted: Sequence[SiteConstraint],
     clearance: ObstacleClearance,
     levels: Sequence[float] | None,
-    ik: str,
 ) -> Motion:
     """Find the way past obstacles first, with knots so wide that it begins and ends in good time.
 
     Only frames that come too near an obstacle take part, so the displacement spreads smoothly to
     the frames around them, which full constraints at every frame would forbid.
     """
-    motion = _shifted(what.source, what.root_shift)
-    spacings = list(default_levels(motion.fps) if levels is None else levels)
-    clearance.margin = DUCK_MARGIN
+    source, qpos = what.source, _shifted(what.source, what.root_shift).qpos
+    spacings = list(default_levels(source.fps) if levels is None else levels)
     coarse = spacings[: max(1, len(spacings) - 2)]
+    frames = np.arange(source.nframe)
+    targets = over_all_frames(lay_out(wanted, source.model, source.nframe), source.nframe)
+    solver = NumericIK(source.model)
+    clearance.margin = DUCK_MARGIN
     for spacing in coarse + DUCK_ROUNDS * coarse[-1:]:
-        broken = np.unique(clearance(motion.qpos, np.arange(motion.nframe)).frame)
+        broken = np.unique(clearance(qpos, frames).frame)
         if len(broken) == 0:
             break
-        here = [
-            dataclasses.replace(
-                constraint,
-                frames=constraint.frames[keep],
-                position=None if constraint.position is None else constraint.position[keep],
-                quat=None if constraint.quat is None else constraint.quat[keep],
-            )
-            for constraint in wanted
-            if (keep := np.isin(constraint.frames, broken)).any()
-        ]
-        motion = fit(
-            motion,
-            here,
-            levels=[spacing],
-            ik=ik,
-            clearance=clearance,
-            first_guess=False,
-            exact=False,
-        ).motion
+        wish = solver.solve(qpos[broken], targets.at(broken), clearance)
+        qpos = oplus(
+            source.model, qpos, fit_level(broken, wish.displacement, source.nframe, spacing)
+        )
     clearance.margin = MARGIN
-    return motion
+    return source.replace(qpos)
 
 
 def _check_passage(clearance: ObstacleClearance, result: Fit) -> None:

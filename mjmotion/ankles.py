@@ -22,12 +22,12 @@ from mjmotion.ik.limb import Limbs, find_limbs
 from mjmotion.kinematics import site_id
 from mjmotion.motion import Motion
 from mjmotion.rotations import conjugate, multiply, rotate
-from mjmotion.smoothing import envelope
+from mjmotion.smoothing import cover
 
 Array = NDArray[np.float64]
 
 MARGIN = 0.04  # how far within its range an ankle is kept [rad]
-GIVE_TIME = 0.1  # scale of the giving's rise and fall [s]
+GIVE_TIME = 0.1  # how far on either side a giving is felt [s]
 SHORTEST = 0.07  # what is left of a contact is dropped when it is shorter [s]
 _ROUNDS = 3
 SLACK = 0.035  # what an ankle may use of the margin before anything gives [rad]
@@ -81,11 +81,10 @@ def _turn_back(motion: Motion, limbs: Limbs, foot: Foot, path: FootPath) -> Foot
     if not ((ankle < box[:, 0] + MARGIN - SLACK) | (ankle > box[:, 1] - MARGIN + SLACK)).any():
         return None
     lack = np.zeros_like(ankle)
-    free = np.zeros(motion.nframe, dtype=bool)
     time = GIVE_TIME * motion.fps
     for axis in range(3):
-        lack[:, axis] = envelope(box[axis, 0] + MARGIN - ankle[:, axis], free, time)
-        lack[:, axis] -= envelope(ankle[:, axis] - box[axis, 1] + MARGIN, free, time)
+        lack[:, axis] = cover(box[axis, 0] + MARGIN - ankle[:, axis], time)
+        lack[:, axis] -= cover(ankle[:, axis] - box[axis, 1] + MARGIN, time)
     if not lack.any():
         return None
     back = multiply(

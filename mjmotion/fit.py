@@ -27,6 +27,7 @@ from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import Clearance, IKSolver, default_weights, position_error
 from mjmotion.kinematics import character_height, site_positions
 from mjmotion.motion import Motion
+from mjmotion.smoothing import cover
 from mjmotion.spline import fit_level, fit_multilevel
 from mjmotion.tangent import oplus
 
@@ -40,6 +41,7 @@ TOUCHING = 0.004  # nearer than this to an obstacle, and another level follows [
 RISE_TIME = 0.25  # over how long the root rises or sinks for a limb to reach at last [s]
 LIMIT_SLACK = 1e-5  # how far a closed limb may be out of its range before the root gives [rad]
 _EASES = 4
+_BETTER = 0.8  # another level only while each leaves less than this share of the one before
 _EXTRA_LEVELS = 6  # at most, at the finest spacing, to get the edges that close
 _PASSES = 2  # times that Eq. 2 is applied at a level's knots: then to what the first time left
 _STILL = 1e-6  # a displacement this small is rounding [rad or m]
@@ -131,7 +133,7 @@ def fit(
     everywhere = clearance is not None
     targets = lay_out(constraints, motion.model, motion.nframe)
     if everywhere:
-        targets = _over_all_frames(targets, motion.nframe)
+        targets = over_all_frames(targets, motion.nframe)
     height = character_height(motion.model)
     qpos = np.array(motion.qpos)
     if isinstance(first_guess, np.ndarray):
@@ -141,7 +143,7 @@ def fit(
 
     traced: list[tuple[float, float, float]] = []  # spacing, seconds, error before the level
     queue = list(spacings)
-    last_error = math.nan
+    last_error, worst_left = math.nan, math.inf
     while queue:
         spacing = queue.pop(0)
         start = time.perf_counter()
@@ -155,8 +157,10 @@ def fit(
         if progress is not None:
             progress(len(traced), len(spacings) + int(exact))
         if not queue and exact and len(traced) - len(spacings) < _EXTRA_LEVELS:
-            if _wants_more(motion, qpos, targets, clearance):
+            left = _left_to_do(motion, qpos, targets, clearance)
+            if left > 0.0 and left < _BETTER * worst_left:
                 queue.append(spacings[-1])
+            worst_left = left
     if exact and len(targets.frames) and len(targets.sites):
         qpos, last_error = _enforce(solver, motion, qpos, targets, spacings)
     else:
@@ -204,8 +208,8 @@ def _make_solver(motion: Motion, ik: str | IKSolver, weights: ArrayLike | None) 
     return (HybridIK if ik == "hybrid" else NumericIK)(motion.model, alpha)
 
 
-def _over_all_frames(targets: Targets, nframe: int) -> Targets:
-    """Spread targets over every frame, so that a clearance can ask for any of them."""
+def over_all_frames(targets: Targets, nframe: int) -> Targets:
+    """Return targets for every frame, nothing held where they say nothing."""
     shape = (nframe, len(targets.sites))
     quat = np.zeros((*shape, 4))
     quat[..., 0] = 1.0
@@ -250,21 +254,12 @@ def _enforce(
 
 
 def _spread(rise: Array, frames: NDArray[np.int64], motion: Motion) -> Array:
-    """Spread what the root must rise or sink at some frames smoothly over those around (nframe,).
-
-    A sliding maximum, then a smooth window no wider than it: nowhere less than what is needed.
-    """
-    from scipy.ndimage import maximum_filter1d, uniform_filter1d
-
-    width = max(1, round(RISE_TIME * motion.fps / 3.0))
+    """Spread what the root must rise or sink at some frames smoothly over those around (nframe,)."""
     spread = np.zeros(motion.nframe)
     for sign in (1.0, -1.0):
         need = np.zeros(motion.nframe)
-        need[frames] = np.maximum(sign * rise, 0.0)
-        need = maximum_filter1d(need, 6 * width + 1, mode="nearest")
-        for _ in range(3):
-            need = uniform_filter1d(need, 2 * width + 1, mode="nearest")
-        spread += sign * need
+        need[frames] = sign * rise
+        spread += sign * cover(need, RISE_TIME * motion.fps)
     return spread
 
 
@@ -324,15 +319,18 @@ def _has_edges(targets: Targets, motion: Motion) -> bool:
     )
 
 
-def _wants_more(
+def _left_to_do(
     motion: Motion, qpos: Array, targets: Targets, clearance: Clearance | None
-) -> bool:
-    """Whether the exact pass would make a kink beside free frames, or a body is still too near."""
-    if _has_edges(targets, motion) and _edge_residual(motion, qpos, targets) > EDGE_RESIDUAL:
-        return True
-    if clearance is None:
-        return False
-    return bool((clearance(qpos, np.arange(motion.nframe)).distance < TOUCHING).any())
+) -> float:
+    """How far [m] the exact pass would jump beside free frames, or a body is still too near; or 0."""
+    left = 0.0
+    if _has_edges(targets, motion):
+        edge = _edge_residual(motion, qpos, targets)
+        left = edge if edge > EDGE_RESIDUAL else 0.0
+    if clearance is not None:
+        distance = clearance(qpos, np.arange(motion.nframe)).distance
+        left = max(left, TOUCHING - float(distance.min(initial=TOUCHING)))
+    return left
 
 
 def _edge_residual(motion: Motion, qpos: Array, targets: Targets) -> float:

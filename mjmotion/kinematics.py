@@ -71,6 +71,40 @@ def character_geoms(model: mujoco.MjModel, *, colliding: bool = False) -> NDArra
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
+class _DofKinds:
+    """Where in ``nv`` each kind of degree of freedom stands, and whose it is."""
+
+    straight: NDArray[np.int64]  # the root's three along the world axes
+    turning: NDArray[np.int64]  # threes that turn about the axes of a body
+    bodies: NDArray[np.int64]  # those bodies
+    single: NDArray[np.int64]  # hinges and slides
+    joints: NDArray[np.int64]  # those joints
+    turns: NDArray[np.bool_]  # (nv,) whether a degree of freedom turns
+
+
+@lru_cache(maxsize=16)
+def _dof_kinds(model: mujoco.MjModel) -> _DofKinds:
+    kind, first = model.jnt_type, model.jnt_dofadr
+    three = np.arange(3)
+    free = np.flatnonzero(kind == mujoco.mjtJoint.mjJNT_FREE)
+    ball = np.flatnonzero(kind == mujoco.mjtJoint.mjJNT_BALL)
+    joints = np.flatnonzero((kind != mujoco.mjtJoint.mjJNT_FREE) & (kind != mujoco.mjtJoint.mjJNT_BALL))
+    starts = np.concatenate((first[free] + 3, first[ball]))
+    straight = (first[free][:, None] + three).ravel()
+    turns = np.ones(model.nv, dtype=bool)
+    turns[straight] = False
+    turns[first[kind == mujoco.mjtJoint.mjJNT_SLIDE]] = False
+    return _DofKinds(
+        straight,
+        (starts[:, None] + three).ravel(),
+        model.jnt_bodyid[np.concatenate((free, ball))],
+        first[joints],
+        joints,
+        turns,
+    )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class Pose:
     """World positions of ``n`` frames: all arrays are copies.
 
@@ -100,29 +134,17 @@ class Pose:
     @cached_property
     def dof_axis(self) -> Array:
         """(n, nv, 3) the world axis that each degree of freedom turns about or moves along."""
-        model = self.model
+        kinds, model = _dof_kinds(self.model), self.model
         axis = np.zeros((len(self.xpos), model.nv, 3))
-        kind = model.jnt_type[model.dof_jntid]
-        offset = np.arange(model.nv) - model.jnt_dofadr[model.dof_jntid]
-        free = kind == mujoco.mjtJoint.mjJNT_FREE
-        straight = free & (offset < 3)
-        axis[:, straight] = np.eye(3)[offset[straight]]
-        turning = (kind == mujoco.mjtJoint.mjJNT_BALL) | (free & (offset >= 3))
-        body = model.dof_bodyid[turning]
-        axis[:, turning] = np.swapaxes(self.xmat, 2, 3)[:, body, offset[turning] % 3]
-        single = (kind == mujoco.mjtJoint.mjJNT_HINGE) | (kind == mujoco.mjtJoint.mjJNT_SLIDE)
-        axis[:, single] = self.xaxis[:, model.dof_jntid[single]]
+        axis[:, kinds.straight] = np.eye(3)
+        frames = np.swapaxes(self.xmat[:, kinds.bodies], 2, 3)
+        axis[:, kinds.turning] = frames.reshape(len(axis), -1, 3)
+        axis[:, kinds.single] = self.xaxis[:, kinds.joints]
         return axis
 
-    @cached_property
+    @property
     def _turning(self) -> NDArray[np.bool_]:
-        model = self.model
-        kind = model.jnt_type[model.dof_jntid]
-        offset = np.arange(model.nv) - model.jnt_dofadr[model.dof_jntid]
-        return ~(
-            (kind == mujoco.mjtJoint.mjJNT_SLIDE)
-            | ((kind == mujoco.mjtJoint.mjJNT_FREE) & (offset < 3))
-        )
+        return _dof_kinds(self.model).turns
 
     def jacobian(self, points: Array, body: int, dofs: NDArray[np.int64]) -> tuple[Array, Array]:
         """Return the Jacobians of one world point a frame, fixed to ``body``.

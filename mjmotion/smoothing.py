@@ -126,6 +126,28 @@ def envelope(need: Array, fixed: NDArray[np.bool_], time: float) -> Array:
     return np.maximum(curve, 0.0)
 
 
+def cover(need: Array, time: float) -> Array:
+    """Return a smooth curve nowhere below ``need`` nor zero: a sliding maximum, then smoothed.
+
+    Cheaper than :func:`envelope` and broader; for curves that need not be zero anywhere.
+
+    Args:
+      need: (nframe,) least values; negative where nothing is needed.
+      time: how far on either side a peak is felt [frames].
+    """
+    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+    curve = np.maximum(need, 0.0)
+    if not curve.any():
+        return curve
+    width = max(1, round(time / 3.0))
+    curve = maximum_filter1d(curve, 6 * width + 1, mode="nearest")
+    # Three boxes, together no wider than the maximum slid: nowhere less than what is needed.
+    for _ in range(3):
+        curve = uniform_filter1d(curve, 2 * width + 1, mode="nearest")
+    return np.maximum(curve, need)
+
+
 def _penalised(
     base: Array, goal: Array, fixed: NDArray[np.bool_], stiffness: float, start: Array
 ) -> Array:
