@@ -142,9 +142,9 @@ def _from_entry(entry: Any, nframe: int) -> SiteConstraint:
     if unknown:
         raise ConstraintError(f"unknown key '{min(unknown)}': valid are {', '.join(sorted(_KEYS))}")
     span = entry["frames"]
-    if isinstance(span, int):
+    if type(span) is int:
         span = [span, span + 1]
-    if not (isinstance(span, list) and len(span) == 2 and all(isinstance(x, int) for x in span)):
+    if not (isinstance(span, list) and len(span) == 2 and all(type(x) is int for x in span)):
         raise ConstraintError("'frames' must be one frame or [start, end]")
     if not 0 <= span[0] < span[1] <= nframe:
         raise ConstraintError(f"frames {span} are not within the motion's 0 to {nframe}")

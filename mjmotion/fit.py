@@ -246,7 +246,13 @@ def _enforce(
         closed[frames] = oplus(motion.model, qpos[frames], solution.displacement)
         clamped = limits.clamp_to_limits(motion.model, closed)
         over = np.abs(clamped[frames] - closed[frames]).max(axis=1) > LIMIT_SLACK
-        if turn == _EASES or not over.any():
+        if not over.any():
+            break
+        if turn == _EASES:
+            # What no smooth move of the root mends, the solver that knows limits makes the best of.
+            rows = np.flatnonzero(over)
+            best = NumericIK(motion.model).enforce(qpos[frames[rows]], targets.at(rows))
+            clamped[frames[rows]] = oplus(motion.model, qpos[frames[rows]], best.displacement)
             break
         qpos = _ease(motion, qpos, targets, np.flatnonzero(over), spacings)
         solution = solver.enforce(qpos[frames], targets)

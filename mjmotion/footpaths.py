@@ -43,6 +43,7 @@ LIFT_TIME = 0.12  # scale of a lift's rise and fall [s]
 CLEARANCE = 0.022  # most clearance that a swing is given on its own account [m]
 CLEARANCE_MORE = 0.0015  # clearance that a swing gets over its source's, up to that [m]
 _INSIST = 20.0  # how much what a contact allows counts against smoothness
+CLEARANCE_TIME = 0.1  # time from a stance in which a swing comes to its clearance [s]
 PULL_BACK = 0.7  # share of a swing in which a foot may be held back from a step, at either end
 
 
@@ -219,10 +220,13 @@ class _StepOver:
         fps: float,
     ) -> None:
         self._shape = rotate(quat[:, None], foot.shape[None])
-        self._wanted, self._stance, self._ground, self._fps = wanted, stance, ground, fps
+        self._stance, self._ground, self._fps = stance, ground, fps
         self._swing = np.flatnonzero(~stance)
         # A foot cannot be up at once: what it could rise in the time since its stance bounds a lift.
         apart = _frames_to(stance) / fps
+        # Close to a stance it is enough to be over the ground; what is wanted comes in time.
+        s = np.clip(apart / CLEARANCE_TIME, 0.0, 1.0)
+        self._wanted = wanted * s * s * (3.0 - 2.0 * s)
         self._most = np.where(np.isfinite(apart), 0.5 * LIFT_PULL * apart**2, 10.0)
 
     def __call__(

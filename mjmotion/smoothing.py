@@ -16,7 +16,9 @@ _DIFFERENCES = (
     np.array((1.0, -2.0, 1.0)),
     np.array((-1.0, 3.0, -3.0, 1.0)),
 )
-_ROUNDS = 40
+_ROUNDS = 60
+_HALVINGS = 12
+_SETTLED = 1e-7  # a Newton step this small ends the search [m]
 _RAISES = 8
 _STIFF = 30.0  # penalty for a curve below what is needed, against its own stiffness
 _ABOVE = 1e-4  # how far below a wanted height a curve may stay [m]
@@ -151,31 +153,38 @@ def cover(need: Array, time: float) -> Array:
 def _penalised(
     base: Array, goal: Array, fixed: NDArray[np.bool_], stiffness: float, start: Array
 ) -> Array:
-    """Minimise ``lᵀ base l + stiffness |max(0, goal − l)|²`` by Newton's method."""
-
-    def value(curve: Array) -> float:
-        energy = base[0] @ (curve * curve)
-        for offset in range(1, len(base)):
-            energy += 2.0 * base[offset, :-offset] @ (curve[:-offset] * curve[offset:])
-        below = np.where(fixed, 0.0, np.maximum(goal - curve, 0.0))
-        return float(energy + stiffness * (below @ below))
-
+    """Minimise ``lᵀ base l + stiffness |max(0, goal − l)|²`` by Newton's method, searched exactly."""
     zero = np.zeros((len(goal), 1))
-    curve, best = start, value(start)
-    active = ~fixed & (curve < goal)
+    curve = start
     for _ in range(_ROUNDS):
+        active = ~fixed & (curve < goal)
         band = base.copy()
         band[0, active] += stiffness
-        step = _solve(band, np.where(active, stiffness * goal, 0.0)[:, None], fixed, zero)
-        direction = step[:, 0] - curve
-        length = 1.0
-        while length > 1e-3 and (there := value(curve + length * direction)) > best:
-            length *= 0.5
-        if length <= 1e-3:
+        newton = _solve(band, np.where(active, stiffness * goal, 0.0)[:, None], fixed, zero)
+        direction = newton[:, 0] - curve
+        if np.abs(direction).max() < _SETTLED:
             break
-        curve, best = curve + length * direction, there
-        now = ~fixed & (curve < goal)
-        if length == 1.0 and (now == active).all():
-            break
-        active = now
+        # Along the direction the slope only grows: halve towards where it crosses zero.
+        flat, steep = direction @ _times(base, curve), direction @ _times(base, direction)
+
+        def slope(length: float, curve=curve, direction=direction, flat=flat, steep=steep) -> float:
+            below = np.where(fixed, 0.0, np.maximum(goal - curve - length * direction, 0.0))
+            return float(flat + length * steep - stiffness * (below @ direction))
+
+        length, low, high = 1.0, 0.0, 1.0
+        if slope(1.0) > 0.0:
+            for _ in range(_HALVINGS):
+                length = 0.5 * (low + high)
+                low, high = (length, high) if slope(length) < 0.0 else (low, length)
+        curve = curve + length * direction
     return curve
+
+
+def _times(band: Array, vector: Array) -> Array:
+    """Return the product of a symmetric banded matrix (lower form) and a vector."""
+    product = band[0] * vector
+    for offset in range(1, len(band)):
+        side = band[offset, :-offset]
+        product[offset:] += side * vector[:-offset]
+        product[:-offset] += side * vector[offset:]
+    return product

@@ -520,7 +520,7 @@ def test_least_deviation_is_a_least_norm_solution() -> None:
     rng = np.random.default_rng(31)
     jacobian, error = rng.normal(size=(3, 4, 9)), rng.normal(size=(3, 4))
     freedom, previous = rng.uniform(0.5, 2.0, (3, 9)), rng.normal(size=(3, 9))
-    found = least_deviation(jacobian, error, np.zeros((3, 4)), freedom, previous)
+    found, _ = least_deviation(jacobian, error, np.zeros((3, 4)), freedom, previous)
     for row in range(3):
         wanted = error[row] + jacobian[row] @ previous[row]
         root = np.sqrt(freedom[row])

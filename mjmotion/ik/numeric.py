@@ -13,6 +13,8 @@ are put on its edge and held there for the rest of the solve: the penalty of Eq.
 
 from __future__ import annotations
 
+import dataclasses
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +37,7 @@ Array = NDArray[np.float64]
 STEP_LIMIT = 0.7  # the most that any degree of freedom changes in one step [rad or m]
 _RIDGE = 1e-9  # keeps the dual solvable where a limb is straight [m²]
 _SOFT = 0.05  # compliance of a row at half weight [m²]
+_INEQUALITY_SOFT = 1e-5  # compliance of an inequality [m²]
 _MAX_ROWS = 12  # inequalities of one frame that are solved at a time, the worst first
 _LIMIT_TOLERANCE = 1e-9  # [rad]
 
@@ -87,20 +90,21 @@ class NumericIK:
         first_error = np.zeros(len(qpos))
         dofs = self._dofs(targets, inequalities is not None)
         moved = qpos
+        kept = _Kept(np.empty(0, np.int64), np.empty((0, self.model.nv)), np.empty(0))
         for iteration in range(iterations):
             pose = self._pose(moved)
             if iteration == 0:
                 first_error = position_error(pose.site_xpos[:, targets.sites], targets)
             jacobian, error, compliance = self._equalities(pose, targets, dofs)
-            step = least_deviation(
+            step, _ = least_deviation(
                 jacobian, error, compliance, freedom[:, dofs], displacement[:, dofs]
             )
             if inequalities is not None:
-                broken = inequalities(moved, targets.frames)
-                if len(broken.frame):
-                    rows, extended = _append(broken, jacobian, error, compliance, dofs)
-                    step[rows] = least_deviation(
-                        *extended, freedom[rows][:, dofs], displacement[rows][:, dofs]
+                kept = _remembered(kept, inequalities(moved, targets.frames), displacement)
+                if len(kept.frame):
+                    rows, extended = _append(kept, displacement, jacobian, error, compliance, dofs)
+                    step[rows] = _least_with_inequalities(
+                        extended, jacobian.shape[1], freedom[rows][:, dofs], displacement[rows][:, dofs]
                     )
             change = step - displacement[:, dofs]
             size = np.max(np.abs(change), axis=1, initial=0.0)
@@ -173,7 +177,7 @@ class NumericIK:
 
 def least_deviation(
     jacobian: Array, error: Array, compliance: Array, freedom: Array, previous: Array
-) -> Array:
+) -> tuple[Array, Array]:
     """Return the displacement of least ``Σ |d|²/freedom`` with ``J d = e + J d_prev``.
 
     Args:
@@ -184,10 +188,10 @@ def least_deviation(
       previous: (n, k) the displacement so far.
 
     Returns:
-      (n, k) displacements.
+      (n, k) displacements, and (n, e) the multipliers of the rows.
     """
     if jacobian.shape[1] == 0:
-        return np.zeros_like(previous)
+        return np.zeros_like(previous), np.zeros_like(error)
     spread = jacobian * freedom[:, None, :]
     dual = spread @ np.swapaxes(jacobian, 1, 2)
     index = np.arange(dual.shape[1])
@@ -195,32 +199,78 @@ def least_deviation(
     held = np.where(freedom > 0.0, 0.0, previous)
     wanted = error + (jacobian @ (previous - held)[..., None])[..., 0]
     force = np.linalg.solve(dual, wanted[..., None])
-    return np.asarray((np.swapaxes(spread, 1, 2) @ force)[..., 0]) + held
+    return np.asarray((np.swapaxes(spread, 1, 2) @ force)[..., 0]) + held, force[..., 0]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Kept:
+    """Inequalities that were broken at some step of a solve: ``rows @ d`` is to reach ``level``."""
+
+    frame: NDArray[np.int64]
+    rows: Array
+    level: Array
+
+
+def _remembered(kept: _Kept, broken: Inequalities, displacement: Array) -> _Kept:
+    """Add what is broken now to what was before: what was pushed out must not slip back in.
+
+    A frame that reports anything anew is measured anew; one that reports nothing keeps its rows.
+    """
+    old = ~np.isin(kept.frame, broken.frame)
+    reached = np.einsum("mv,mv->m", broken.rows, displacement[broken.frame])
+    return _Kept(
+        np.concatenate((kept.frame[old], broken.frame)),
+        np.concatenate((kept.rows[old], broken.rows)),
+        np.concatenate((kept.level[old], broken.needed + reached)),
+    )
+
+
+def _least_with_inequalities(
+    system: tuple[Array, Array, Array], nequality: int, freedom: Array, previous: Array
+) -> Array:
+    """Solve with inequalities as equalities, then again without those that would pull back."""
+    jacobian, error, compliance = system
+    step, force = least_deviation(jacobian, error, compliance, freedom, previous)
+    pulling = force < 0.0
+    pulling[:, :nequality] = False
+    again = np.flatnonzero(pulling.any(axis=1))
+    if len(again):
+        push = ~pulling[again]
+        step[again], _ = least_deviation(
+            jacobian[again] * push[..., None],
+            error[again] * push,
+            np.where(push, compliance[again], 1.0),
+            freedom[again],
+            previous[again],
+        )
+    return step
 
 
 def _append(
-    broken: Inequalities,
+    kept: _Kept,
+    displacement: Array,
     jacobian: Array,
     error: Array,
     compliance: Array,
     dofs: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], tuple[Array, Array, Array]]:
-    """Add broken inequalities as rows, the worst first, in the frames that have any."""
-    order = np.lexsort((-broken.needed, broken.frame))
-    frame = broken.frame[order]
+    """Add kept inequalities as rows, the worst first, in the frames that have any."""
+    needed = kept.level - np.einsum("mv,mv->m", kept.rows, displacement[kept.frame])
+    order = np.lexsort((-needed, kept.frame))
+    frame = kept.frame[order]
     frames, first, count = np.unique(frame, return_index=True, return_counts=True)
     rank = np.arange(len(frame)) - np.repeat(first, count)
     keep = rank < _MAX_ROWS
     local, rank = np.searchsorted(frames, frame[keep]), rank[keep]
     size = int(rank.max()) + 1
     rows = np.zeros((len(frames), size, len(dofs)))
-    needed = np.zeros((len(frames), size))
+    wanted = np.zeros((len(frames), size))
     soft = np.ones((len(frames), size))
-    rows[local, rank] = broken.rows[order[keep]][:, dofs]
-    needed[local, rank] = broken.needed[order[keep]]
-    soft[local, rank] = 1e-4
+    rows[local, rank] = kept.rows[order[keep]][:, dofs]
+    wanted[local, rank] = needed[order[keep]]
+    soft[local, rank] = _INEQUALITY_SOFT
     return frames, (
         np.concatenate((jacobian[frames], rows), axis=1),
-        np.concatenate((error[frames], needed), axis=1),
+        np.concatenate((error[frames], wanted), axis=1),
         np.concatenate((compliance[frames], soft), axis=1),
     )
