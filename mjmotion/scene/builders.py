@@ -55,7 +55,7 @@ class Doorway:
 
 DOORWAYS = (
     Doorway(x=1.8, height=1.55),
-    Doorway(x=3.6, width=0.72),
+    Doorway(x=3.6, width=0.8),
     Doorway(x=5.2, height=1.48),
 )
 """The doorways of the shipped scene ``terrain_doors``: low, narrow, lower."""

@@ -26,7 +26,7 @@ from mjmotion.validation.figures import (
     swings_of,
     travel,
 )
-from mjmotion.validation.ground import Ground
+from mjmotion.validation.ground import ground_of
 from mjmotion.validation.penetration import Character, character_of, penetration
 from mjmotion.validation.result import LABELS, Validation, Worst, asked_clearance
 from mjmotion.validation.thresholds import THRESHOLDS, merge_thresholds
@@ -68,7 +68,7 @@ class _Validator:
         self.model: mujoco.MjModel = motion.model
         self.sites = sole_sites(self.model, contacts)
         self.feet = tuple(sorted({int(self.model.site_bodyid[site]) for site in self.sites}))
-        self.ground = Ground(self.model)
+        self.ground = ground_of(self.model)
         self.character: Character = character_of(self.model, self.feet)
         self.poses: Poses = poses_of(motion, self.character)
         self.metrics = dict.fromkeys(LABELS, np.nan)

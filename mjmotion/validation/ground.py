@@ -13,6 +13,8 @@ own triangles enclose (an open sheet as solid below it), not as the hull it coll
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +33,12 @@ def static_geoms(model: mujoco.MjModel) -> Index:
     """Return the scene: geoms that collide, on bodies that cannot move."""
     fixed = model.body_weldid[model.geom_bodyid] == 0
     return np.flatnonzero(fixed & ((model.geom_contype != 0) | (model.geom_conaffinity != 0)))
+
+
+@lru_cache(maxsize=8)
+def ground_of(model: mujoco.MjModel) -> Ground:
+    """Return the ground of a model, kept for the next motion on it: models do not change."""
+    return Ground(model)
 
 
 class Ground:

@@ -13,6 +13,7 @@ The depth of a geom, by what it is in:
 from __future__ import annotations
 
 import dataclasses
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -68,6 +69,7 @@ class Character:
         return self._skins[i, spacing]
 
 
+@lru_cache(maxsize=8)
 def character_of(model: mujoco.MjModel, feet: tuple[int, ...]) -> Character:
     """Return the geoms under the free root; if none of them collides, all of them."""
     mine = model.body_rootid[model.geom_bodyid] == int(model.jnt_bodyid[0])
