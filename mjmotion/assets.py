@@ -41,7 +41,7 @@ def find_asset(kind: str, name: str | Path) -> Path:
     path = Path(name)
     if path.is_file():
         return path
-    if path.suffix == "" and path.parent == Path("."):
+    if path.suffix == "" and path.parent == Path():
         ours = asset_folder(kind) / f"{name}.xml"
         if ours.is_file():
             return ours

@@ -1,7 +1,7 @@
 """Keeping the body out of walls, lintels and step sides: obstacles found in the scene.
 
-MuJoCo's ``mj_geomDistance`` gives distance and nearest points between convex geoms; here they become
-inequalities for the IK solvers, ``normalᵀ J d ≥ margin − distance``.
+MuJoCo's ``mj_geomDistance`` gives distance and nearest points between convex geoms; here they
+become inequalities for the IK solvers, ``normalᵀ J d ≥ margin − distance``.
 
 A lintel can be left upwards, downwards, forwards or backwards. Forwards is the shortest and the
 wrong way for someone who walks on: an obstacle that cannot be stepped over is therefore drawn out
@@ -143,7 +143,7 @@ def find_obstacles(
 
 
 class ObstacleClearance:
-    """Inequalities that keep a character out of obstacles; see :class:`mjmotion.ik.solver.Clearance`.
+    """Inequalities that keep a character out of obstacles (:class:`mjmotion.ik.solver.Clearance`).
 
     Args:
       character: the character alone.

@@ -189,7 +189,6 @@ class Targets:
         }
         return Targets(sites=self.sites, **values)
 
-
     def columns(self, sites: NDArray[np.bool_]) -> Targets:
         """Return the targets of some of the sites."""
         values = {
@@ -200,9 +199,7 @@ class Targets:
         return Targets(frames=self.frames, sites=self.sites[sites], **values)
 
 
-def lay_out(
-    constraints: Sequence[SiteConstraint], model: mujoco.MjModel, nframe: int
-) -> Targets:
+def lay_out(constraints: Sequence[SiteConstraint], model: mujoco.MjModel, nframe: int) -> Targets:
     """Lay constraints out over frames; where two speak of the same site and frame, the later holds.
 
     Raises:

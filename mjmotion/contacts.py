@@ -43,7 +43,7 @@ class ContactSettings:
     """When a site counts as standing.
 
     Attributes:
-      low, high: height over the ground below which a contact can begin, and above which it ends [m].
+      low, high: height over the ground below which a contact can begin, above which it ends [m].
       slow, fast: speed below which a contact can begin, and above which it ends [m/s].
       rise: a contact is cut where the site is this much over where it mostly rests [m].
       shortest: contacts shorter than this are dropped [s].
@@ -98,7 +98,9 @@ def detect_contacts(
     speed = _speed(position, motion.fps)
     bodies = motion.model.site_bodyid[ids]
     grounds = {
-        body: _ground(position[:, bodies == body, 2], speed[:, bodies == body], settings, motion.fps)
+        body: _ground(
+            position[:, bodies == body, 2], speed[:, bodies == body], settings, motion.fps
+        )
         for body in np.unique(bodies)
     }
     found = []
@@ -117,7 +119,7 @@ def detect_contacts(
 
 def _moving_average(values: Array, width: float) -> Array:
     """Average over ``width`` frames, both ends held; an odd number of frames, at least one."""
-    half = int(round(width)) // 2
+    half = round(width) // 2
     if half == 0:
         return values
     padded = np.concatenate(
@@ -142,7 +144,7 @@ def _ground(height: Array, speed: Array, settings: ContactSettings, fps: float) 
     from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
     resting = np.where(speed < settings.fast, height, np.inf).min(axis=1)
-    size = 2 * int(round(settings.window * fps)) + 1
+    size = 2 * round(settings.window * fps) + 1
     lowest = minimum_filter1d(resting, size, mode="nearest")
     known = np.flatnonzero(np.isfinite(lowest))
     if len(known) == 0:

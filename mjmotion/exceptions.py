@@ -7,7 +7,7 @@ line and exit code 2. Errors about frames carry them in ``frames``, so a caller 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 
 class MotionError(Exception):
@@ -18,7 +18,7 @@ class MotionError(Exception):
       frames: the frames that failed, if the error is about frames.
     """
 
-    def __init__(self, message: str, frames: Sequence[int] = ()) -> None:
+    def __init__(self, message: str, frames: Iterable[int] = ()) -> None:
         super().__init__(message)
         self.frames: tuple[int, ...] = tuple(int(frame) for frame in frames)
 
@@ -63,7 +63,8 @@ def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
     return f"unknown {kind} '{name}'.{hint} Valid names: {', '.join(names) or '(none)'}"
 
 
-def frame_list(frames: Sequence[int], limit: int = 5) -> str:
+def frame_list(frames: Iterable[int], limit: int = 5) -> str:
     """Return frames as short text: ``3, 4, 5, 6, 7, … (12 frames)``."""
-    shown = ", ".join(str(int(frame)) for frame in frames[:limit])
-    return shown if len(frames) <= limit else f"{shown}, … ({len(frames)} frames)"
+    numbers = [int(frame) for frame in frames]
+    shown = ", ".join(str(number) for number in numbers[:limit])
+    return shown if len(numbers) <= limit else f"{shown}, … ({len(numbers)} frames)"

@@ -15,6 +15,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -193,7 +194,7 @@ def _check_levels(levels: Sequence[float]) -> list[float]:
         raise FitError("levels is empty: give frames a knot, such as 16, 8, 4, 2")
     if any(not (math.isfinite(spacing) and spacing > 0) for spacing in spacings):
         raise FitError(f"levels {spacings} must be positive numbers of frames")
-    if any(b > a for a, b in zip(spacings, spacings[1:], strict=False)):
+    if any(b > a for a, b in pairwise(spacings)):
         raise FitError(f"levels {spacings} must go from coarse to fine")
     return spacings
 
@@ -224,13 +225,13 @@ def over_all_frames(targets: Targets, nframe: int) -> Targets:
     }
     for name, values in spread.items():
         values[targets.frames] = getattr(targets, name)
-    return Targets(frames=np.arange(nframe), sites=targets.sites, **spread)  # type: ignore[arg-type]
+    return Targets(frames=np.arange(nframe), sites=targets.sites, **spread)
 
 
 def _enforce(
     solver: IKSolver, motion: Motion, qpos: Array, targets: Targets, spacings: Sequence[float]
 ) -> tuple[Array, float]:
-    """The exact pass (§4.4): poses within limits that meet the targets, and the error before.
+    """Make the exact pass (§4.4): poses within limits that meet the targets, and the error before.
 
     Where a limb would not reach, or would leave its range, the root gives first, over more frames
     than those, so that nothing jerks.
@@ -268,7 +269,7 @@ def _enforce(
 
 
 def _spread(rise: Array, frames: NDArray[np.int64], motion: Motion) -> Array:
-    """Spread what the root must rise or sink at some frames smoothly over those around (nframe,)."""
+    """Spread smoothly over frames (nframe,) what the root must rise or sink at some."""
     spread = np.zeros(motion.nframe)
     for sign in (1.0, -1.0):
         need = np.zeros(motion.nframe)
@@ -301,7 +302,8 @@ def _ease(
 
 def _held(targets: Targets) -> NDArray[np.bool_]:
     """Which of the targets' frames hold anything (n,)."""
-    return (targets.position_weight > 0).any(axis=1) | (targets.turn_weight > 0).any(axis=1)
+    weight = np.maximum(targets.position_weight, targets.turn_weight)
+    return np.asarray((weight > 0).any(axis=1))
 
 
 def _solve_level(
@@ -336,7 +338,7 @@ def _has_edges(targets: Targets, motion: Motion) -> bool:
 def _left_to_do(
     motion: Motion, qpos: Array, targets: Targets, clearance: Clearance | None
 ) -> float:
-    """How far [m] the exact pass would jump beside free frames, or a body is still too near; or 0."""
+    """How far the exact pass would jump beside free frames, or a body is still too near [m]."""
     left = 0.0
     if _has_edges(targets, motion):
         edge = _edge_residual(motion, qpos, targets)

@@ -2,8 +2,8 @@
 
 A *stance* is a foot's stay on one spot, from heel strike to toe-off. In the source it stands on
 level ground; its foothold stands on the scene's: under the same spot, turned the same way about the
-vertical, tilted to the surface, and moved as little as needed where the foot would straddle an edge,
-hang over one or stand in a wall.
+vertical, tilted to the surface, and moved as little as needed where it would straddle an edge, hang
+over one or stand in a wall.
 """
 
 from __future__ import annotations
@@ -178,7 +178,9 @@ def find_stances(
         for start, end in edges.reshape(-1, 2):
             spans = [_span(mask, start, end) for mask in (heel, toe)]
             flat = heel[start:end] & toe[start:end]
-            frames = start + np.flatnonzero(flat if flat.any() else heel[start:end] | toe[start:end])
+            frames = start + np.flatnonzero(
+                flat if flat.any() else heel[start:end] | toe[start:end]
+            )
             position, quat = _level_pose(pose, motion, foot, frames, spans)
             stances.append(Stance(index, spans[0], spans[1], position, quat))
     return tuple(sorted(stances, key=lambda stance: (stance.start, stance.foot)))
@@ -288,8 +290,10 @@ def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
     quat = from_matrix(world @ np.stack((local, side, up)))
     position = heel - rotate(quat, foot.heel)
     # How far the true ground is from the plane of the sole, above it and below it.
-    above = ((points + (0, 0, 1) * (heights - points[..., 2])[..., None] - position[:, None])
-             * normal[:, None]).sum(axis=-1) - foot.sole[0, 2]
+    above = (
+        (points + (0, 0, 1) * (heights - points[..., 2])[..., None] - position[:, None])
+        * normal[:, None]
+    ).sum(axis=-1) - foot.sole[0, 2]
     step = (above[:, 2:4] > STEP + np.abs(along[:, 2:]) * APPROACH).any(axis=1)
     above = np.delete(above, (2, 3), axis=1)
     rise = above[:, 2:].max(axis=1)
@@ -308,9 +312,7 @@ def _walled(foot: Foot, ground: Ground, placed: _Placed, index: int) -> bool:
     return ground.blocked(np.broadcast_to(centre, sole.shape), sole - centre, EDGE_MARGIN)
 
 
-def _search(
-    foot: Foot, ground: Ground, spot: Array, stance: Stance, first: _Placed
-) -> _Placed:
+def _search(foot: Foot, ground: Ground, spot: Array, stance: Stance, first: _Placed) -> _Placed:
     """Return the nearest spot with good ground; the best there is when none is good."""
     radius = np.repeat(np.arange(1, _RINGS + 1) * SEARCH_RADIUS / _RINGS, _RAYS)
     angle = np.tile(np.arange(_RAYS) * 2.0 * np.pi / _RAYS, _RINGS)

@@ -137,7 +137,7 @@ class _Holds:
 
 
 def _carry(mine: Sequence[tuple[Stance, Foothold]], nframe: int) -> tuple[Array, Array]:
-    """Shift (nframe, 3) and turn (nframe, 4) from the source: constant in stance, eased in swing."""
+    """Shift (nframe, 3) and turn (nframe, 4) from the source: constant in stance, eased else."""
     shift, turn = np.empty((nframe, 3)), np.empty((nframe, 4))
     previous: tuple[int, Array, Array] | None = None
     for stance, foothold in mine:
@@ -162,7 +162,7 @@ def _carry(mine: Sequence[tuple[Stance, Foothold]], nframe: int) -> tuple[Array,
 def _turned(foot: Foot, holds: _Holds, base: Array, time: float) -> Array:
     """Orientation: the foothold's while flat, the carried source's else, smooth where they meet.
 
-    On one contact the foot keeps the source's yaw, and its pitch unless that is into the ground. Its
+    On one contact the foot keeps the source's yaw, and its pitch unless that is downwards. Its
     roll comes with the pitch: a rigid sole that rolls while it is nearly flat digs in its side.
     """
     w, x, y, z = np.moveaxis(multiply(conjugate(holds.quat), base), -1, 0)
@@ -183,7 +183,7 @@ def _turned(foot: Foot, holds: _Holds, base: Array, time: float) -> Array:
     allowed = multiply(holds.quat, rolled)
     # First towards what a contact allows, smoothly; then flat, faded into all that is not flat.
     correction = log(multiply(conjugate(base), allowed))
-    quat = multiply(base, exp(blend(_INSIST * holds.any, correction, time)))
+    quat = multiply(base, exp(blend(np.where(holds.any, _INSIST, 0.0), correction, time)))
     quat = multiply(quat, exp(fade(holds.flat, log(multiply(conjugate(quat), holds.quat)), time)))
     quat[holds.flat] = holds.quat[holds.flat]
     return normalized(quat)
@@ -222,7 +222,7 @@ class _StepOver:
         self._shape = rotate(quat[:, None], foot.shape[None])
         self._stance, self._ground, self._fps = stance, ground, fps
         self._swing = np.flatnonzero(~stance)
-        # A foot cannot be up at once: what it could rise in the time since its stance bounds a lift.
+        # A foot cannot be up at once: a lift is bounded by what it could rise since its stance.
         apart = _frames_to(stance) / fps
         # Close to a stance it is enough to be over the ground; what is wanted comes in time.
         s = np.clip(apart / CLEARANCE_TIME, 0.0, 1.0)
@@ -279,7 +279,9 @@ class _StepOver:
                 for share in (1.0, 0.75, 0.5, 0.25):
                     trial = position.copy()
                     trial[frames, :2] += share * (position[anchor, :2] - position[frames, :2])
-                    inside = self._lacking(trial, frames)[frames] - self._wanted[frames] - lift[frames]
+                    inside = (
+                        self._lacking(trial, frames)[frames] - self._wanted[frames] - lift[frames]
+                    )
                     clear = inside <= DIP
                     need[frames[clear]] = share
                 closed = np.ones(len(position), dtype=bool)

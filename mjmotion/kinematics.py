@@ -88,7 +88,9 @@ def _dof_kinds(model: mujoco.MjModel) -> _DofKinds:
     three = np.arange(3)
     free = np.flatnonzero(kind == mujoco.mjtJoint.mjJNT_FREE)
     ball = np.flatnonzero(kind == mujoco.mjtJoint.mjJNT_BALL)
-    joints = np.flatnonzero((kind != mujoco.mjtJoint.mjJNT_FREE) & (kind != mujoco.mjtJoint.mjJNT_BALL))
+    joints = np.flatnonzero(
+        (kind != mujoco.mjtJoint.mjJNT_FREE) & (kind != mujoco.mjtJoint.mjJNT_BALL)
+    )
     starts = np.concatenate((first[free] + 3, first[ball]))
     straight = (first[free][:, None] + three).ravel()
     turns = np.ones(model.nv, dtype=bool)
@@ -162,9 +164,7 @@ class Pose:
         axis = self.dof_axis[:, dofs]
         jacr = np.where(turns[:, None], axis, 0.0)
         arm = points[:, None, :] - self.xanchor[:, self.model.dof_jntid[dofs]]
-        jacp = np.where(
-            turns[:, None], cross(axis, arm), np.where(moves[:, None], axis, 0.0)
-        )
+        jacp = np.where(turns[:, None], cross(axis, arm), np.where(moves[:, None], axis, 0.0))
         return np.swapaxes(jacp, 1, 2), np.swapaxes(jacr, 1, 2)
 
     def rows(
@@ -180,7 +180,9 @@ class Pose:
         """
         model = self.model
         kinds, which = np.unique(bodies, return_inverse=True)
-        moves = np.array([body_dofs(model, int(body)) for body in kinds]).reshape(-1, model.nv)[which]
+        moves = np.array([body_dofs(model, int(body)) for body in kinds]).reshape(-1, model.nv)[
+            which
+        ]
         axis = self.dof_axis[frames]
         arm = points[:, None, :] - self.xanchor[frames][:, model.dof_jntid]
         along = np.where(self._turning[:, None], cross(axis, arm), axis)
@@ -241,9 +243,7 @@ def _apply_joint(
     return position, turned
 
 
-def site_positions(
-    model: mujoco.MjModel, qpos: Array, sites: NDArray[np.int64]
-) -> Array:
+def site_positions(model: mujoco.MjModel, qpos: Array, sites: NDArray[np.int64]) -> Array:
     """Return the world positions (n, s, 3) [m] of a few sites.
 
     Cheaper than :meth:`Kinematics.forward` while the sites are on few bodies.

@@ -97,9 +97,12 @@ class Motion:
 
     def save(self, path: str | Path) -> None:
         """Write the motion file (.npz): ``qpos``, ``fps``, ``joint_names``."""
-        with open(path, "wb") as file:
+        with Path(path).open("wb") as file:
             np.savez_compressed(
-                file, qpos=self.qpos, fps=np.float64(self.fps), joint_names=np.array(self.joint_names)
+                file,
+                qpos=self.qpos,
+                fps=np.float64(self.fps),
+                joint_names=np.array(self.joint_names),
             )
 
     @classmethod

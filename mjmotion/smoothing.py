@@ -153,7 +153,7 @@ def cover(need: Array, time: float) -> Array:
 def _penalised(
     base: Array, goal: Array, fixed: NDArray[np.bool_], stiffness: float, start: Array
 ) -> Array:
-    """Minimise ``lᵀ base l + stiffness |max(0, goal − l)|²`` by Newton's method, searched exactly."""
+    """Minimise ``lᵀ base l + stiffness |max(0, goal − l)|²`` by Newton steps."""
     zero = np.zeros((len(goal), 1))
     curve = start
     for _ in range(_ROUNDS):
@@ -166,16 +166,14 @@ def _penalised(
             break
         # Along the direction the slope only grows: halve towards where it crosses zero.
         flat, steep = direction @ _times(base, curve), direction @ _times(base, direction)
-
-        def slope(length: float, curve=curve, direction=direction, flat=flat, steep=steep) -> float:
+        low, high = 0.0, 1.0
+        for halving in range(_HALVINGS + 1):
+            length = 1.0 if halving == 0 else 0.5 * (low + high)
             below = np.where(fixed, 0.0, np.maximum(goal - curve - length * direction, 0.0))
-            return float(flat + length * steep - stiffness * (below @ direction))
-
-        length, low, high = 1.0, 0.0, 1.0
-        if slope(1.0) > 0.0:
-            for _ in range(_HALVINGS):
-                length = 0.5 * (low + high)
-                low, high = (length, high) if slope(length) < 0.0 else (low, length)
+            falling = flat + length * steep < stiffness * (below @ direction)
+            if falling and halving == 0:
+                break
+            low, high = (length, high) if falling else (low, length)
         curve = curve + length * direction
     return curve
 

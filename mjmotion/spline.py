@@ -1,6 +1,6 @@
 """Uniform cubic B-splines over frames, fitted locally (§3.2, Eq. 2).
 
-    values = fit_level(frames, data, nframe, spacing=16)   # one level: data at frames -> every frame
+    values = fit_level(frames, data, nframe, spacing=16)   # one level, at every frame
     values = fit_multilevel(frames, data, nframe, spacings=(16, 8, 4, 2))
 
 Knots stand every ``spacing`` frames from frame 0 on. A control point is found from the data points

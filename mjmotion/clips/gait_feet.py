@@ -55,7 +55,7 @@ def toe_off(steps: Steps) -> Array:
     return np.asarray(TOE_OFF + _LATER * (1.0 - steps.leaving))
 
 
-def stance(steps: Steps, index: Array, psi: Array, shape: FootShape) -> Array:
+def stance(steps: Steps, index: NDArray[np.int64], psi: Array, shape: FootShape) -> Array:
     """Return the foot in stances.
 
     Args:
@@ -116,7 +116,7 @@ def _hump(u: Array) -> Array:
     return (4.0 * u * (1.0 - u)) ** 3
 
 
-def _lift(path: Callable[[Array], Array], step: Array, shape: FootShape) -> Array:
+def _lift(path: Callable[[Array], Array], step: NDArray[np.int64], shape: FootShape) -> Array:
     """Return how much higher (n,) swings must go for heel and toe to clear the ground [m].
 
     Args:

@@ -101,7 +101,7 @@ class HybridIK:
         return Solution(displacement, error, rise)
 
     def _split(self, targets: Targets) -> tuple[Limbs | None, Targets, NDArray[np.bool_]]:
-        """The limbs to close, their targets, and which frames (n,) hold something else besides.
+        """Return the limbs to close, their targets, and which frames (n,) hold something else.
 
         A site is closable when it is on a limb's end and no site before it is on the same end.
         """
@@ -119,7 +119,8 @@ class HybridIK:
         if closable.all():
             return found, targets, np.zeros(len(targets.frames), dtype=bool)
         weight = np.maximum(targets.position_weight, targets.turn_weight)
-        return found, targets.columns(closable), (weight[:, ~closable] > 0.0).any(axis=1)
+        other = np.asarray((weight[:, ~closable] > 0.0).any(axis=1))
+        return found, targets.columns(closable), other
 
     def _goals(
         self, limbs: Limbs, state: LimbState, targets: Targets
@@ -169,7 +170,7 @@ class HybridIK:
     def _body_step(
         self, limbs: Limbs, base: _Base, follow: Array, swivel: Array, d0: Array, goal: Array
     ) -> tuple[Array, Array]:
-        """Solve ``(Tᵀ M T) z = −Tᵀ M d0``: displacements of the body (n, nbase), limbs (n, nlimb, 7).
+        """Solve ``(Tᵀ M T) z = −Tᵀ M d0``: moves of the body (n, nbase) and limbs (n, nlimb, 7).
 
         A swivel couples its own limb only, so it is taken out first: each column of T, and d0, keep
         just what no swivel could make up for.
@@ -234,9 +235,7 @@ class _Base:
       dofs: (nbase,) the degrees of freedom.
     """
 
-    def __init__(
-        self, model: mujoco.MjModel, limbs: Limbs, qpos: Array, state: LimbState
-    ) -> None:
+    def __init__(self, model: mujoco.MjModel, limbs: Limbs, qpos: Array, state: LimbState) -> None:
         # (nlimb, nbase) which of them carry which limb
         carried = np.stack([body_dofs(model, limb.base) for limb in limbs.limbs])
         self.dofs = np.flatnonzero(carried.any(axis=0))
@@ -277,9 +276,7 @@ class _Base:
                 self._move[:, :, columns] = axis
             column += width
 
-    def twist(
-        self, point: Array, rows: NDArray[np.int64] | None = None
-    ) -> tuple[Array, Array]:
+    def twist(self, point: Array, rows: NDArray[np.int64] | None = None) -> tuple[Array, Array]:
         """Return what each dof does at ``point``, hip to point (n, nlimb, 3) in the base's frame.
 
         Returns:

@@ -5,8 +5,8 @@ A limb is found by its joints alone: a body on a ball joint (thigh, upper arm), 
 arrays are (n, nlimb, …), so the cost is that of one.
 
 Geometry, in the frame of the upper segment with the hip at its origin: the knee stands at ``v1``,
-the ankle at ``v1 + R(axis, θ) v2``. With ``r1``, ``r2`` the distances of hip and ankle from the knee
-axis and ``s`` the product of the parts along it, the hip–ankle distance is
+the ankle at ``v1 + R(axis, θ) v2``. With ``r1``, ``r2`` the distances of hip and ankle from the
+knee axis and ``s`` the product of the parts along it, the hip–ankle distance is
 
     L² = |v1|² + |v2|² + 2 s + 2 r1 r2 cos(θ + θ0),
 
@@ -198,7 +198,7 @@ class Limbs:
         return LimbState(base_quat, hip, upper, angle, bend, stretch, ankle, ankle_turn, end)
 
     def _bend(self, angle: Array) -> tuple[Array, Array]:
-        """The knee's turn (n, nlimb, 4) and hip to ankle (n, nlimb, 3) in the upper's frame."""
+        """Knee turns (n, nlimb, 4) and hip to ankle (n, nlimb, 3) in the upper's frame."""
         half = 0.5 * angle[..., None]
         sine = np.sin(half)
         bend = np.concatenate((np.cos(half), sine * self._axis), axis=-1)

@@ -6,7 +6,7 @@ step solves the least-deviation problem
     minimise ½ dᵀ M d   subject to   J d = e + J d_prev
 
 through its dual, ``d = M⁻¹ Jᵀ (J M⁻¹ Jᵀ + R)⁻¹ (e + J d_prev)``, which is E×E for E constraints and
-far smaller than the D×D primal for D degrees of freedom. ``R`` softens rows whose weight is below 1.
+far smaller than the D×D primal for D degrees of freedom. ``R`` softens rows of weight below 1.
 Inequalities enter as equalities in the frames that break them, and joints that leave their range
 are put on its edge and held there for the rest of the solve: the penalty of Eq. 6 in the limit.
 """
@@ -104,7 +104,10 @@ class NumericIK:
                 if len(kept.frame):
                     rows, extended = _append(kept, displacement, jacobian, error, compliance, dofs)
                     step[rows] = _least_with_inequalities(
-                        extended, jacobian.shape[1], freedom[rows][:, dofs], displacement[rows][:, dofs]
+                        extended,
+                        jacobian.shape[1],
+                        freedom[rows][:, dofs],
+                        displacement[rows][:, dofs],
                     )
             change = step - displacement[:, dofs]
             size = np.max(np.abs(change), axis=1, initial=0.0)
@@ -125,7 +128,7 @@ class NumericIK:
     def _equalities(
         self, pose: Pose, targets: Targets, dofs: NDArray[np.int64]
     ) -> tuple[Array, Array, Array]:
-        """Rows (n, e, k), errors (n, e) and compliances (n, e) of all targets; absent rows are 0."""
+        """Rows (n, e, k), errors (n, e) and compliances (n, e) of all targets; absent rows 0."""
         jacobians, errors, weights = [], [], []
         for column, site in enumerate(targets.sites):
             jacp, jacr = pose.jacobian(
@@ -199,7 +202,8 @@ def least_deviation(
     held = np.where(freedom > 0.0, 0.0, previous)
     wanted = error + (jacobian @ (previous - held)[..., None])[..., 0]
     force = np.linalg.solve(dual, wanted[..., None])
-    return np.asarray((np.swapaxes(spread, 1, 2) @ force)[..., 0]) + held, force[..., 0]
+    step = (np.swapaxes(spread, 1, 2) @ force)[..., 0] + held
+    return np.asarray(step), np.asarray(force[..., 0])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -52,7 +52,6 @@ class Ground:
         normal = np.where(stands[:, None], normal, 0.0)
         return height.reshape(shape), normal.reshape(*shape, 3)
 
-
     def blocked(self, origins: Array, spans: Array, margin: float = 0.0) -> bool:
         """Return whether any segment (n, 3) + (n, 3), made longer by ``margin``, hits a wall.
 
