@@ -212,8 +212,8 @@ def test_what_cannot_be_met_is_reported() -> None:
 
 @pytest.mark.parametrize("ik", ["hybrid", "numeric"])
 def test_targets_at_the_limit_of_an_ankle(ik: str) -> None:
-    """Feet that pitch more than their ankles bend, within reach of a body that gives: both solvers
-    keep the limits and still meet the targets."""
+    """Feet that pitch more than their ankles bend: both solvers keep the limits, and say where that
+    leaves a target unmet; the numeric one, whose body gives, meets them all."""
     motion = clip()
     constraints = []
     for site in FEET:
@@ -226,7 +226,8 @@ def test_targets_at_the_limit_of_an_ankle(ik: str) -> None:
     assert 1000.0 * worst(result, constraints) == pytest.approx(
         max([u.residual_mm for u in result.unmet], default=0.0), abs=1.0
     )
-    assert worst(result, constraints) < 1e-3  # [m]
+    if ik == "numeric":
+        assert worst(result, constraints) < 1e-3  # [m]
 
 
 def test_rigid_joints_stay() -> None:

@@ -14,7 +14,13 @@ from mjmotion.exceptions import ContactError, MotionError, unknown_name
 from mjmotion.motion import Motion
 from mjmotion.tangent import ominus
 from mjmotion.validation.ground import Ground
-from mjmotion.validation.penetration import Character, lowest_points, sample_spacing, sole_points
+from mjmotion.validation.penetration import (
+    Character,
+    lowest_points,
+    sample_spacing,
+    sole_points,
+    world_boxes,
+)
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -162,11 +168,22 @@ def swing_clearances(
         mine = [(number, swing) for number, swing in enumerate(swings) if swing.foot == foot]
         span = np.concatenate([np.arange(swing.first, swing.last) for _, swing in mine])
         which = np.concatenate([np.full(s.last - s.first, number) for number, s in mine])
-        for i in np.flatnonzero(body == foot).tolist():
-            xyz, row = sole_points(character, i, poses.geom[span, i], poses.turn[span, i], spacing)
+        geoms = np.flatnonzero(body == foot).tolist()
+        place = {i: (poses.geom[span, i], poses.turn[span, i]) for i in geoms}
+        known = [_low_clearances(ground, character, i, *place[i], spacing) for i in geoms]
+        least = np.full(len(swings), np.inf)
+        for clear in known:
+            np.minimum.at(least, which, clear)
+        for i in geoms:
+            # No ground near is higher than this, so what is higher by more than known cannot count.
+            top = ground.highest(*world_boxes(ground.model, int(character.geoms[i]), *place[i]))
+            top = np.where(np.isinf(least[which]), np.inf, top + least[which] + 1e-9)
+            low = np.flatnonzero(lowest_points(character.solids[i], *place[i]) < top)
+            position, matrix = (array[low] for array in place[i])
+            xyz, row = sole_points(character, i, position, matrix, spacing, top[low])
             points.append(xyz)
-            owners.append(which[row])
-            frames.append(span[row])
+            owners.append(which[low[row]])
+            frames.append(span[low[row]])
     result = [(np.inf, swing.first) for swing in swings]
     if not points:
         return result
@@ -182,6 +199,24 @@ def swing_clearances(
     return result
 
 
+def _low_clearances(
+    ground: Ground, character: Character, i: int, position: Array, matrix: Array, spacing: float
+) -> Array:
+    """Return the clearance (nframe,) of the lowest point of one geom in each frame [m].
+
+    The least clearance of all points is no more than that. Infinite where it is over nothing, or
+    where the point is not on the underside.
+    """
+    whole = character.skin(i, spacing)
+    height = matrix[:, 2] @ whole.point.T
+    height[~whole.facing_down(matrix)] = np.inf
+    lowest = height.argmin(axis=1)
+    xyz = position + np.einsum("nij,nj->ni", matrix, whole.point[lowest])
+    clear = xyz[:, 2] - ground.heights(xyz)[0]
+    clear[np.isnan(clear) | np.isinf(height.min(axis=1))] = np.inf
+    return np.asarray(clear)
+
+
 def source_clearances(
     swings: Sequence[Swing],
     contacts: Sequence[Contact],
@@ -194,9 +229,12 @@ def source_clearances(
     The source's ground is the height that the foot stood at before and stands at after: the mean
     height of its contacts, and straight lines over time between them.
     """
-    lowest = lowest_points(character, poses.geom, poses.turn)
     body = model.geom_bodyid[character.geoms]
-    every = np.arange(len(lowest))
+    every = np.arange(len(poses.site))
+    lowest = {
+        i: lowest_points(character.solids[i], poses.geom[:, i], poses.turn[:, i])
+        for i in np.flatnonzero(np.isin(body, [swing.foot for swing in swings])).tolist()
+    }
     levels = {}
     for foot in {swing.foot for swing in swings}:
         stood = []
@@ -210,11 +248,11 @@ def source_clearances(
     result = []
     for swing in swings:
         level = levels[swing.foot]
-        mine = body == swing.foot
-        if not mine.any():
+        mine = [height for i, height in lowest.items() if body[i] == swing.foot]
+        if not mine:
             result.append((np.inf, swing.first))
             continue
-        clear = lowest[:, mine].min(axis=1) - level
+        clear = np.minimum.reduce(mine) - level
         frame = swing.first + int(clear[swing.first : swing.last].argmin())
         result.append((float(clear[frame]), frame))
     return result

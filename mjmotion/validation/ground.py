@@ -13,20 +13,22 @@ own triangles enclose (an open sheet as solid below it), not as the hull it coll
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.validation.field import BoxTops, Field, field_grid
 from mjmotion.validation.solids import Solid, is_convex, mesh_arrays, solid_of, vertical_extent
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _Geom = mujoco.mjtGeom
 _AIR = 1e-3  # [m] less air than this between two solids is not free space
-_CHUNK = 16384  # points whose height is taken at once
 _FLAT = 1e-9  # a plane or field closer to upright than this is upright
+_UPRIGHT = 1e-15  # of the cosine: how far off the vertical a box may be to count as upright
 
 
 def static_geoms(model: mujoco.MjModel) -> Index:
@@ -46,7 +48,7 @@ class Ground:
 
     Attributes:
       planes: ids of planes.
-      fields: ids of heightfields that stand upright.
+      fields: the heightfields that stand upright.
       convex: ids of boxes, balls, rods and convex meshes.
       surfaces: ids of other meshes, and of tilted heightfields, taken triangle by triangle.
     """
@@ -57,15 +59,21 @@ class Ground:
         mujoco.mj_kinematics(model, data)
         self.position = np.array(data.geom_xpos)
         self.matrix = np.array(data.geom_xmat).reshape(-1, 3, 3)
-        self._grids: dict[int, tuple[Array, Array]] = {}
         groups: dict[str, list[int]] = {"plane": [], "field": [], "convex": [], "surface": []}
         for geom in static_geoms(model):
             groups[self._group(int(geom))].append(int(geom))
-        self.planes, self.fields = groups["plane"], groups["field"]
+        self.planes = groups["plane"]
+        self.fields = [
+            Field(model, geom, self.position[geom], self.matrix[geom]) for geom in groups["field"]
+        ]
         self.convex, self.surfaces = groups["convex"], groups["surface"]
         self.solids: dict[int, Solid] = {geom: solid_of(model, geom) for geom in self.convex}
-        self._solid_cells = self._index_solids()
+        self._solid_cells: _Cells | None = None
+        self._box_tops: BoxTops | None = None
+        if self.convex:
+            self._index_solids()
         self._triangles, self._triangle_geom = self._collect_triangles()
+        self._surface_bounds = self._bound_surfaces()
         self._triangle_cells = (
             _Cells(self._triangles[:, :, :2].min(axis=1), self._triangles[:, :, :2].max(axis=1))
             if len(self._triangles)
@@ -103,21 +111,24 @@ class Ground:
 
         Zero outside; with the geom, -1 outside. Planes and convex geoms do not count here.
         """
-        low, high, geom = self.extents(points[:, :2], solids=False)
-        if low.shape[1] == 0:
-            return np.zeros(len(points)), np.full(len(points), -1)
-        z = points[:, 2, None]
-        depth = np.where((low < z) & (z < high), high - z, 0.0)
-        best = depth.argmax(axis=1)
-        rows = np.arange(len(points))
-        return depth[rows, best], np.where(depth[rows, best] > 0, geom[rows, best], -1)
+        depth, owner = np.zeros(len(points)), np.full(len(points), -1)
+        for field in self.fields:
+            deep = field.height(points[:, :2]) - points[:, 2]
+            deeper = deep > depth  # never beside the field, where it is NaN
+            depth[deeper], owner[deeper] = deep[deeper], field.geom
+        if self._triangle_cells is not None:
+            row, low, high, geom = self._surface_extents(points[:, :2])
+            z = points[row, 2]
+            order = np.argsort(high - z, kind="stable")  # the last one written stays
+            order = order[((low < z) & (z < high) & (high - z > depth[row]))[order]]
+            depth[row[order]], owner[row[order]] = (high - z)[order], geom[order]
+        return depth, owner
 
-    def extents(self, xy: Array, *, solids: bool = True) -> tuple[Array, Array, Index]:
+    def extents(self, xy: Array) -> tuple[Array, Array, Index]:
         """Return what vertical lines (n, 2) cross.
 
         Args:
           xy: the lines [m].
-          solids: also planes and convex geoms, not only heightfields and open meshes.
 
         Returns:
           low, high: (n, k) where the line is in a solid [m], NaN in unused columns.
@@ -134,77 +145,51 @@ class Ground:
 
         every = np.arange(len(xy))
         for field in self.fields:
-            tops = self.field_height(field, xy)
-            add(every, np.full(len(xy), -np.inf), tops, field)
+            add(every, np.full(len(xy), -np.inf), field.height(xy), field.geom)
         if self._triangle_cells is not None:
             add(*self._surface_extents(xy))
-        if solids:
-            for plane in self.planes:
-                add(every, *self._plane_extents(plane, xy), plane)
-            if self._solid_cells is not None:
-                point, which = self._solid_cells.pairs(xy)
-                for slot in np.unique(which):
-                    rows = point[which == slot]
-                    geom_id = self.convex[slot]
-                    ends = vertical_extent(
-                        self.solids[geom_id], self.position[geom_id], self.matrix[geom_id], xy[rows]
-                    )
-                    add(rows, *ends, geom_id)
+        for plane in self.planes:
+            add(every, *self._plane_extents(plane, xy), plane)
+        if self._solid_cells is not None:
+            for hits in self._solid_extents(xy):
+                add(*hits)
         return _side_by_side(len(xy), row, low, high, geom)
 
-    def field_height(self, geom: int, xy: Array) -> Array:
-        """Return the height (n,) of one upright heightfield [m], NaN beside it.
+    def highest(self, centre: Array, extent: Array, *, solids: bool = True) -> Array:
+        """Return a height that no ground rises above near points, or a little more than that.
 
-        Between grid points the surface is MuJoCo's own two triangles a cell.
+        Args:
+          centre: (n, 3) middles of boxes along the world's axes [m].
+          extent: (n, 3) their half sizes [m].
+          solids: also planes and convex geoms, not only heightfields and open meshes.
+
+        Returns:
+          (n,) [m], minus infinity where there is nothing over or under a box. A ceiling is none.
         """
-        if len(xy) > _CHUNK:  # what fits a core's cache is several times as fast
-            parts = np.array_split(xy, -(-len(xy) // _CHUNK))
-            return np.concatenate([self.field_height(geom, part) for part in parts])
-        values, spacing = self.field_grid(geom)
-        turn = self.matrix[geom][:2, :2]
-        local = (xy - self.position[geom, :2]) @ turn
-        half = self.model.hfield_size[self.model.geom_dataid[geom], :2]
-        column = (local[:, 0] + half[0]) / spacing[0]
-        line = (local[:, 1] + half[1]) / spacing[1]
-        nrow, ncol = values.shape
-        c = np.clip(column.astype(np.int32), 0, ncol - 2)
-        r = np.clip(line.astype(np.int32), 0, nrow - 2)
-        column -= c
-        line -= r
-        flat = values.ravel()
-        base = r * np.int32(ncol) + c
-        corner = flat[base]
-        far = flat[base + np.int32(ncol + 1)]
-        # The corner between them, of the one of the cell's two triangles that the line meets.
-        lower = column > line
-        third = flat[base + np.where(lower, np.int32(1), np.int32(ncol))]
-        long, short = np.maximum(column, line), np.minimum(column, line)
-        height = corner + long * (third - corner) + short * (far - third)
-        height += self.position[geom, 2]
-        edge = 1e-9
-        height[(short < -edge) | (long > 1 + edge)] = np.nan
-        return np.asarray(height)
+        top = np.full(len(centre), -np.inf)
+        for field in self.fields:
+            top = np.maximum(top, field.highest(centre, extent))
+        for low, high in self._surface_bounds:
+            reach = extent[:, :2] + 1e-6
+            beside = (centre[:, :2] + reach < low[:2]) | (centre[:, :2] - reach > high[:2])
+            top = np.where(beside.any(axis=1), top, np.maximum(top, high[2]))
+        if solids:
+            for plane in self.planes:
+                normal = self.matrix[plane][:, 2]
+                if normal[2] > _FLAT:
+                    _, height = self._plane_extents(plane, centre[:, :2])
+                    climb = extent[:, :2] @ np.abs(normal[:2]) / normal[2]
+                    top = np.maximum(top, height + climb)
+            if self._box_tops is not None:
+                top = np.maximum(top, self._box_tops.highest(centre, extent))
+        return top
 
-    def field_grid(self, geom: int) -> tuple[Array, Array]:
-        """Return a heightfield over its frame (nrow, ncol), and its spacing (x, y) [m]."""
-        if geom in self._grids:
-            return self._grids[geom]
-        field = int(self.model.geom_dataid[geom])
-        nrow, ncol = int(self.model.hfield_nrow[field]), int(self.model.hfield_ncol[field])
-        start = int(self.model.hfield_adr[field])
-        size = self.model.hfield_size[field]
-        values = np.asarray(self.model.hfield_data[start : start + nrow * ncol], dtype=np.float64)
-        spacing = 2 * size[:2] / np.array([ncol - 1, nrow - 1])
-        self._grids[geom] = values.reshape(nrow, ncol) * size[2], spacing
-        return self._grids[geom]
-
-    def surface_bounds(self) -> list[tuple[Array, Array]]:
-        """Return the bounding boxes of open meshes and tilted heightfields, each (3,) and (3,)."""
-        boxes = []
-        for geom in self.surfaces:
-            corner = self._triangles[self._triangle_geom == geom].reshape(-1, 3)
-            boxes.append((corner.min(axis=0), corner.max(axis=0)))
-        return boxes
+    @property
+    def surface_top(self) -> float:
+        """Height of the highest point of all heightfields and open meshes [m]."""
+        tops = [field.top for field in self.fields]
+        tops += [float(high[2]) for _, high in self._surface_bounds]
+        return max(tops, default=-np.inf)
 
     def name(self, geom: int) -> str:
         """Return a geom's name, or its kind and number."""
@@ -225,14 +210,44 @@ class Ground:
             return "surface"
         return "convex"
 
-    def _index_solids(self) -> _Cells | None:
-        if not self.convex:
-            return None
+    def _index_solids(self) -> None:
         ids = np.array(self.convex)
         box = self.model.geom_aabb[ids]
         centre = self.position[ids] + np.einsum("gij,gj->gi", self.matrix[ids], box[:, :3])
         half = np.einsum("gij,gj->gi", np.abs(self.matrix[ids]), box[:, 3:])
-        return _Cells((centre - half)[:, :2], (centre + half)[:, :2])
+        self._solid_cells = _Cells((centre - half)[:, :2], (centre + half)[:, :2])
+        self._box_tops = BoxTops(centre - half - 1e-6, centre + half + 1e-6)
+        is_box = self.model.geom_type[ids] == _Geom.mjGEOM_BOX
+        self._upright = is_box & (np.abs(self.matrix[ids, 2, 2]) > 1 - _UPRIGHT)
+
+    def _solid_extents(self, xy: Array) -> Iterator[tuple[Index, Array, Array, Index]]:
+        """Yield points, where their lines enter and leave a solid, and which: all boxes first."""
+        assert self._solid_cells is not None
+        point, which = self._solid_cells.pairs(xy)
+        upright = self._upright[which]
+        rows, ids = point[upright], np.array(self.convex)[which[upright]]
+        if len(rows):
+            turn, size = self.matrix[ids, :2, :2], self.model.geom_size[ids]
+            aside = np.einsum("nji,nj->ni", turn, xy[rows] - self.position[ids, :2])
+            over = (np.abs(aside) <= size[:, :2]).all(axis=1)
+            rows, ids, size = rows[over], ids[over], size[over]
+            height = self.position[ids, 2]
+            yield rows, height - size[:, 2], height + size[:, 2], ids
+        point, which = point[~upright], which[~upright]
+        for slot in np.unique(which):
+            rows, geom = point[which == slot], self.convex[slot]
+            ends = vertical_extent(
+                self.solids[geom], self.position[geom], self.matrix[geom], xy[rows]
+            )
+            yield rows, *ends, np.full(len(rows), geom)
+
+    def _bound_surfaces(self) -> list[tuple[Array, Array]]:
+        """Return the bounding boxes of open meshes and tilted heightfields, each (3,) and (3,)."""
+        boxes = []
+        for geom in self.surfaces:
+            corner = self._triangles[self._triangle_geom == geom].reshape(-1, 3)
+            boxes.append((corner.min(axis=0), corner.max(axis=0)))
+        return boxes
 
     def _collect_triangles(self) -> tuple[Array, Index]:
         triangles, owners = [np.empty((0, 3, 3))], [np.empty(0, np.int64)]
@@ -247,7 +262,7 @@ class Ground:
         return np.concatenate(triangles), np.concatenate(owners)
 
     def _field_mesh(self, geom: int) -> tuple[Array, Index]:
-        values, spacing = self.field_grid(geom)
+        values, spacing = field_grid(self.model, geom)
         nrow, ncol = values.shape
         r, c = np.mgrid[:nrow, :ncol]
         half = self.model.hfield_size[self.model.geom_dataid[geom], :2]

@@ -19,13 +19,22 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.validation.field import Field
 from mjmotion.validation.ground import Ground
-from mjmotion.validation.solids import Skin, Solid, reach, skin, solid_of, vertical_extent, within
+from mjmotion.validation.solids import (
+    Skin,
+    Solid,
+    above_underside,
+    reach,
+    skin,
+    solid_of,
+    vertical_extent,
+    within,
+)
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _SPACING = (0.01, 0.03)  # [m] finest and coarsest samples of a geom's skin
-_BLOCK = 8  # grid points a side of the blocks whose highest point prunes the rest
 _NOISE = 1e-9  # [m] shallower than rounding
 
 
@@ -110,11 +119,25 @@ def penetration(
     return depth, other
 
 
-def lowest_points(character: Character, position: Array, matrix: Array) -> Array:
-    """Return the height (nframe, ngeom) of each geom's lowest point [m]."""
-    down = -matrix[:, :, 2, :]  # world down in each geom's frame
-    far = [reach(solid, down[:, i]) for i, solid in enumerate(character.solids)]
-    return np.asarray(position[:, :, 2] - np.stack(far, axis=1))
+def lowest_points(solid: Solid, position: Array, matrix: Array) -> Array:
+    """Return the height (n,) of a geom's lowest point [m], from (n, 3) and (n, 3, 3)."""
+    return position[:, 2] - reach(solid, -matrix[:, 2])  # world down in the geom's frame
+
+
+def world_boxes(
+    model: mujoco.MjModel, geom: int | Index, position: Array, matrix: Array
+) -> tuple[Array, Array]:
+    """Return middles (n, 3) and half sizes (n, 3) of geoms' boxes along the world's axes [m].
+
+    Args:
+      model: the model.
+      geom: the geom's id, or an id (n,) for each pose.
+      position: (n, 3) where it is [m].
+      matrix: (n, 3, 3) how it is turned.
+    """
+    box = np.broadcast_to(model.geom_aabb[geom], (len(position), 6))
+    middle = position + np.einsum("nij,nj->ni", matrix, box[:, :3])
+    return middle, np.einsum("nij,nj->ni", np.abs(matrix), box[:, 3:])
 
 
 def sole_points(
@@ -140,7 +163,7 @@ def sole_points(
     chosen = whole.facing_down(matrix)
     if top is not None:
         chosen &= height < top[:, None]
-    frame, which = np.nonzero(chosen)
+    frame, which = np.divmod(np.flatnonzero(chosen), chosen.shape[1])
     world = np.empty((len(frame), 3))
     for axis in (0, 1):  # every point in every frame, then the chosen: quicker than the reverse
         whole_axis = matrix[:, axis] @ whole.point.T + position[:, axis, None]
@@ -151,7 +174,7 @@ def sole_points(
 
 def sample_spacing(ground: Ground) -> float:
     """Return how far apart to take points of a geom's skin [m]: as the finest field's own."""
-    finest = [float(ground.field_grid(field)[1].min()) for field in ground.fields]
+    finest = [float(field.spacing.min()) for field in ground.fields]
     return float(np.clip(min(finest, default=_SPACING[1]), *_SPACING))
 
 
@@ -257,110 +280,52 @@ def _add_surfaces(
     depth: Array,
     other: Index,
 ) -> None:
-    spacing = sample_spacing(ground)
-    top = _surface_tops(ground, character, position)
-    near = lowest_points(character, position, matrix) < top
+    spacing, highest = sample_spacing(ground), ground.surface_top
+    size = ground.model.geom_rbound[character.geoms]
+    geom, frame = np.nonzero((position[:, :, 2] - size < highest).T)
+    centre, extent = world_boxes(
+        ground.model, character.geoms[geom], position[frame, geom], matrix[frame, geom]
+    )
+    top = ground.highest(centre, extent, solids=False)
+    low = centre[:, 2] - extent[:, 2] < top
+    geom, frame, top = geom[low], frame[low], top[low]
     points, owners = [], []
-    for i in range(len(character.solids)):
-        frames = np.flatnonzero(near[:, i])
-        if len(frames) == 0:
-            continue
-        xyz, frame = sole_points(
-            character, i, position[frames, i], matrix[frames, i], spacing, top[frames, i]
+    near: dict[int, Index] = {}
+    for i in np.unique(geom).tolist():
+        mine = geom == i
+        near[i] = frames = frame[mine]
+        xyz, row = sole_points(
+            character, i, position[frames, i], matrix[frames, i], spacing, top[mine]
         )
         points.append(xyz)
-        owners.append(np.stack((frames[frame], np.full(len(frame), i)), axis=1))
+        owners.append(np.stack((frames[row], np.full(len(row), i)), axis=1))
     if not points:
         return
     xyz, owner = np.concatenate(points), np.concatenate(owners)
-    deep, geom = ground.depth_in_surfaces(xyz)
-    _deepest(depth, other, owner, deep, geom)
+    deep, against = ground.depth_in_surfaces(xyz)
+    _deepest(depth, other, owner, deep, against)
     for field in ground.fields:
         for i in np.flatnonzero(character.foot).tolist():
-            _add_grid_points(
-                ground, field, character, i, near[:, i], position, matrix, depth, other
-            )
-
-
-def _surface_tops(ground: Ground, character: Character, position: Array) -> Array:
-    """Return (nframe, ngeom): a height that nothing within reach of a geom rises above [m].
-
-    Minus infinity where there is no heightfield and no open mesh within reach.
-    """
-    top = np.full(position.shape[:2], -np.inf)
-    size = ground.model.geom_rbound[character.geoms]
-    for low, high in ground.surface_bounds():
-        around = (position > low - size[:, None]) & (position < high + size[:, None])
-        top = np.where(around.all(axis=2), np.maximum(top, high[2]), top)
-    for field in ground.fields:
-        values, spacing = ground.field_grid(field)
-        block = spacing * _BLOCK
-        half = ground.model.hfield_size[ground.model.geom_dataid[field], :2]
-        turn = ground.matrix[field][:2, :2]
-        local = (position[..., :2] - ground.position[field, :2]) @ turn + half
-        for reach_class in np.unique(np.ceil(size / block.min())):
-            group = np.flatnonzero(np.ceil(size / block.min()) == reach_class)
-            around = np.ceil(size[group].max() / block).astype(np.int64)
-            highest = _block_maximum(values, around)
-            place = np.floor(local[:, group] / block).astype(np.int64) + around
-            limit = np.array(highest.shape)[::-1]
-            inside = ((place >= 0) & (place < limit)).all(axis=2)
-            place = np.clip(place, 0, limit - 1)
-            here = highest[place[..., 1], place[..., 0]] + ground.position[field, 2]
-            top[:, group] = np.maximum(top[:, group], np.where(inside, here, -np.inf))
-    return top
-
-
-def _block_maximum(values: Array, around: NDArray[np.int64]) -> Array:
-    """Return the highest value of each block of the grid and ``around`` (x, y) blocks beside it.
-
-    The result has ``around`` more blocks on each side than the grid.
-    """
-    nrow, ncol = values.shape
-    rows, cols = -(-nrow // _BLOCK), -(-ncol // _BLOCK)
-    # A block's cells end on the first grid points of the next block, so those count too.
-    filled = np.full((rows * _BLOCK + 1, cols * _BLOCK + 1), -np.inf)
-    filled[:nrow, :ncol] = values
-    block = filled[:-1, :-1].reshape(rows, _BLOCK, cols, _BLOCK).max(axis=(1, 3))
-    right = filled[:-1, _BLOCK::_BLOCK].reshape(rows, _BLOCK, cols).max(axis=1)
-    above = filled[_BLOCK::_BLOCK, :-1].reshape(rows, cols, _BLOCK).max(axis=2)
-    corner = filled[_BLOCK::_BLOCK, _BLOCK::_BLOCK]
-    block = np.maximum.reduce((block, right, above, corner))
-    for axis, pad in ((0, int(around[1])), (1, int(around[0]))):
-        widths = [(0, 0), (0, 0)]
-        widths[axis] = (2 * pad, 2 * pad)
-        padded = np.pad(block, widths, constant_values=-np.inf)
-        window = np.lib.stride_tricks.sliding_window_view(padded, 2 * pad + 1, axis=axis)
-        block = window.max(axis=-1)
-    return np.asarray(block)
+            if i in near:
+                _add_grid_points(field, character, i, near[i], position, matrix, depth, other)
 
 
 def _add_grid_points(
-    ground: Ground,
-    field: int,
+    field: Field,
     character: Character,
     i: int,
-    near: NDArray[np.bool_],
+    frames: Index,
     position: Array,
     matrix: Array,
     depth: Array,
     other: Index,
 ) -> None:
     """Grid points of a field that poke into a foot between the samples of its sole."""
-    values, spacing = ground.field_grid(field)
-    frames = np.flatnonzero(near)
-    if len(frames) == 0:
-        return
-    model, geom = ground.model, int(character.geoms[i])
     pos, mat = position[frames, i], matrix[frames, i]
-    box = model.geom_aabb[geom]
-    centre = pos + mat @ box[:3]
-    extent = np.abs(mat) @ box[3:]
-    turn = ground.matrix[field][:2, :2]
-    half = model.hfield_size[model.geom_dataid[field], :2]
-    middle = ((centre[:, :2] - ground.position[field, :2]) @ turn + half) / spacing
+    centre, extent = world_boxes(character.model, int(character.geoms[i]), pos, mat)
+    middle = field.on_grid(centre[:, :2])
     # The rectangle of grid points over the foot's own bounding rectangle, turned with the field.
-    radius = extent[:, :2] @ np.abs(turn) / spacing
+    radius = extent[:, :2] @ np.abs(field.turn) / field.spacing
     first = np.ceil(middle - radius).astype(np.int64)
     count = np.maximum(np.floor(middle + radius).astype(np.int64) - first + 1, 0)
     total = count[:, 0] * count[:, 1]
@@ -368,20 +333,25 @@ def _add_grid_points(
     place = np.arange(len(frame)) - np.repeat(np.cumsum(total) - total, total)
     column = first[frame, 0] + place % np.maximum(count[frame, 0], 1)
     line = first[frame, 1] + place // np.maximum(count[frame, 0], 1)
-    within = (column >= 0) & (line >= 0)
-    within &= (column < values.shape[1]) & (line < values.shape[0])
-    frame, column, line = frame[within], column[within], line[within]
-    height = values[line, column] + ground.position[field, 2]
-    poking = height > centre[frame, 2] - extent[frame, 2]
-    frame, column, line, height = frame[poking], column[poking], line[poking], height[poking]
+    shape = field.values.shape
+    on = (column >= 0) & (line >= 0) & (column < shape[1]) & (line < shape[0])
+    frame, column, line = frame[on], column[on], line[on]
+    height = field.values[line, column] + field.position[2]
+    # Of use is only what is deeper in the foot than its samples are in the field.
+    spare = height - depth[frames[frame], i]
+    poking = np.flatnonzero(spare > centre[frame, 2] - extent[frame, 2])
+    local = np.stack((column[poking], line[poking]), axis=1) * field.spacing - field.half
+    xy = local @ field.turn.T + field.position[:2]
+    frame, height, spare = frame[poking], height[poking], spare[poking]
+    at = np.column_stack((xy, spare))
+    inside = above_underside(character.solids[i], pos[frame], mat[frame], at)
+    frame, height, xy = frame[inside], height[inside], xy[inside]
     if len(frame) == 0:
         return
-    local = np.stack((column, line), axis=1) * spacing - half
-    xy = local @ turn.T + ground.position[field, :2]
     low, _ = vertical_extent(character.solids[i], pos[frame], mat[frame], xy)
     deep = np.where(height > low, height - low, 0.0)
     owner = np.stack((frames[frame], np.full(len(frame), i)), axis=1)
-    _deepest(depth, other, owner, deep, np.full(len(frame), field))
+    _deepest(depth, other, owner, deep, np.full(len(frame), field.geom))
 
 
 def _deepest(depth: Array, other: Index, owner: Index, deep: Array, geom: Index) -> None:

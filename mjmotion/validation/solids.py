@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 _Geom = mujoco.mjtGeom
 _ROUND = (_Geom.mjGEOM_SPHERE, _Geom.mjGEOM_ELLIPSOID)
 _TINY = 1e-12
+_SIEVE = 8  # faces that a quick look is at
 _ROUNDING = 1e-5  # of a geom's size: how far off its face a corner may be
 
 
@@ -118,6 +119,22 @@ def vertical_extent(solid: Solid, position: Array, matrix: Array, xy: Array) -> 
         return low, high
 
 
+def above_underside(
+    solid: Solid, position: Array, matrix: Array, points: Array
+) -> NDArray[np.bool_]:
+    """Whether world points (n, 3) may be above a geom's underside: a quick look at a few faces.
+
+    A face that looks down and has the point outside says no; all points of geoms without faces
+    may be.
+    """
+    if len(solid.vertex) == 0:
+        return np.ones(len(points), dtype=bool)
+    plane = solid.plane[:_SIEVE]  # the largest
+    local = np.einsum("nji,nj->ni", matrix, points - position)
+    outside = local @ plane[:, :3].T > plane[:, 3] + _TINY
+    return np.asarray(~(outside & (matrix[:, 2] @ plane[:, :3].T < -_TINY)).any(axis=1))
+
+
 def reach(solid: Solid, direction: Array) -> Array:
     """Return how far (n,) a geom goes from its own origin along directions (n, 3) [m].
 
@@ -150,10 +167,14 @@ class Skin:
     def facing_down(self, matrix: Array) -> NDArray[np.bool_]:
         """Return (nframe, n) which points are on the underside, for orientations (nframe, 3, 3)."""
         down = matrix[:, 2, :] @ self.normal.T < 1e-6
-        facing = down[:, self.side[:, 0]]
-        for column in self.side.T[1:]:
-            facing |= down[:, column]
-        return np.asarray(facing)
+        return np.asarray(down.astype(np.float32) @ self._member > 0)
+
+    @cached_property
+    def _member(self) -> NDArray[np.float32]:
+        """(k, n) 1 where a normal belongs to a point: a matrix product then asks all at once."""
+        member = np.zeros((len(self.normal), len(self.point)), dtype=np.float32)
+        member[self.side, np.arange(len(self.point))[:, None]] = 1.0
+        return member
 
     def keep(self, chosen: NDArray[np.bool_]) -> Skin:
         """Return the skin with some of its points (n,) only."""
