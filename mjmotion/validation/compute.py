@@ -43,6 +43,9 @@ def validate(
 ) -> Validation:
     """Compute every figure of an adapted motion.
 
+    What is known of a model's shapes is kept for the next motion on the same ``MjModel``: compile
+    a new one rather than change geoms in place.
+
     Args:
       source: the motion before adaptation, on flat ground; same joints and frames.
       motion: the adapted motion; its model holds the character and the scene.

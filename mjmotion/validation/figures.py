@@ -161,30 +161,37 @@ def swing_clearances(
 
     Points over no ground at all do not count; a swing without any is infinitely clear.
     """
-    body = ground.model.geom_bodyid[character.geoms]
-    spacing = sample_spacing(ground)
-    points, owners, frames = [], [], []
-    for foot in sorted({swing.foot for swing in swings}):
-        mine = [(number, swing) for number, swing in enumerate(swings) if swing.foot == foot]
-        span = np.concatenate([np.arange(swing.first, swing.last) for _, swing in mine])
-        which = np.concatenate([np.full(s.last - s.first, number) for number, s in mine])
-        geoms = np.flatnonzero(body == foot).tolist()
-        place = {i: (poses.geom[span, i], poses.turn[span, i]) for i in geoms}
-        known = [_low_clearances(ground, character, i, *place[i], spacing) for i in geoms]
-        least = np.full(len(swings), np.inf)
-        for clear in known:
-            np.minimum.at(least, which, clear)
-        for i in geoms:
-            # No ground near is higher than this, so what is higher by more than known cannot count.
-            top = ground.highest(*world_boxes(ground.model, int(character.geoms[i]), *place[i]))
-            top = np.where(np.isinf(least[which]), np.inf, top + least[which] + 1e-9)
-            low = np.flatnonzero(lowest_points(character.solids[i], *place[i]) < top)
-            position, matrix = (array[low] for array in place[i])
-            xyz, row = sole_points(character, i, position, matrix, spacing, top[low])
-            points.append(xyz)
-            owners.append(which[low[row]])
-            frames.append(span[low[row]])
     result = [(np.inf, swing.first) for swing in swings]
+    body = ground.model.geom_bodyid[character.geoms]
+    # One row for every geom of the foot in every frame of every swing, geom by geom.
+    rows = [
+        np.stack(np.broadcast_arrays(i, np.arange(swing.first, swing.last), order), axis=1)
+        for i in np.flatnonzero(np.isin(body, [swing.foot for swing in swings]))
+        for order, swing in enumerate(swings)
+        if swing.foot == body[i]
+    ]
+    if not rows:
+        return result
+    geom, at, number = np.concatenate(rows).T
+    position, matrix = poses.geom[at, geom], poses.turn[at, geom]
+    spacing = sample_spacing(ground)
+    lowest = _low_points(character, geom, position, matrix, spacing)
+    some = np.flatnonzero(~np.isnan(lowest[:, 2]))
+    known = lowest[some, 2] - ground.heights(lowest[some])[0]
+    least = np.full(len(swings), np.inf)
+    np.fmin.at(least, number[some], known)
+    # No ground near is higher than this, so what is higher by more than is known cannot count.
+    middle, extent = world_boxes(ground.model, character.geoms[geom], position, matrix)
+    above = np.where(np.isinf(least), 0.0, least + 1e-9)[number]
+    top = np.where(np.isinf(least[number]), np.inf, ground.highest(middle, extent) + above)
+    low = middle[:, 2] - extent[:, 2] < top
+    points, owners, frames = [], [], []
+    for i in np.unique(geom[low]).tolist():
+        mine = np.flatnonzero(low & (geom == i))
+        xyz, row = sole_points(character, i, position[mine], matrix[mine], spacing, top[mine])
+        points.append(xyz)
+        owners.append(number[mine[row]])
+        frames.append(at[mine[row]])
     if not points:
         return result
     xyz, owner, frame = np.concatenate(points), np.concatenate(owners), np.concatenate(frames)
@@ -193,28 +200,29 @@ def swing_clearances(
     clear[np.isnan(clear)] = np.inf
     order = np.lexsort((-clear, owner))
     last = np.searchsorted(owner[order], np.arange(len(swings)), side="right") - 1
-    for number, place in enumerate(last):
-        if place >= 0 and owner[order[place]] == number:
-            result[number] = (float(clear[order[place]]), int(frame[order[place]]))
+    for swing, place in enumerate(last):
+        if place >= 0 and owner[order[place]] == swing:
+            result[swing] = (float(clear[order[place]]), int(frame[order[place]]))
     return result
 
 
-def _low_clearances(
-    ground: Ground, character: Character, i: int, position: Array, matrix: Array, spacing: float
+def _low_points(
+    character: Character, geom: Index, position: Array, matrix: Array, spacing: float
 ) -> Array:
-    """Return the clearance (nframe,) of the lowest point of one geom in each frame [m].
+    """Return the lowest sample (n, 3) on the underside of geoms number ``geom`` (n,) [m].
 
-    The least clearance of all points is no more than that. Infinite where it is over nothing, or
-    where the point is not on the underside.
+    NaN where no sample is on the underside: all of it is inside the foot's other geoms.
     """
-    whole = character.skin(i, spacing)
-    height = matrix[:, 2] @ whole.point.T
-    height[~whole.facing_down(matrix)] = np.inf
-    lowest = height.argmin(axis=1)
-    xyz = position + np.einsum("nij,nj->ni", matrix, whole.point[lowest])
-    clear = xyz[:, 2] - ground.heights(xyz)[0]
-    clear[np.isnan(clear) | np.isinf(height.min(axis=1))] = np.inf
-    return np.asarray(clear)
+    points = np.empty_like(position)
+    for i in np.unique(geom).tolist():
+        mine = np.flatnonzero(geom == i)
+        whole = character.skin(i, spacing)
+        height = matrix[mine, 2] @ whole.point.T
+        height[~whole.facing_down(matrix[mine])] = np.inf
+        lowest = height.argmin(axis=1)
+        points[mine] = np.einsum("nij,nj->ni", matrix[mine], whole.point[lowest])
+        points[mine[np.isinf(height.min(axis=1))]] = np.nan
+    return position + points
 
 
 def source_clearances(
