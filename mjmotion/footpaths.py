@@ -40,9 +40,12 @@ DIP = 0.001  # how far a foot that rolls on one contact may dig in with its side
 STUCK = 0.002  # how far in a step a lifted foot may be before it is held back [m]
 LIFT_PULL = 30.0  # acceleration with which a foot can be lifted off, or set down [m/s²]
 LIFT_TIME = 0.12  # scale of a lift's rise and fall [s]
+SHORT_LIFT = 0.015  # the most that a foot is lifted in a hurry, where it scrapes [m]
+SHORT_LIFT_TIME = 0.03  # scale of that [s]
+SCRAPE = 0.002  # how far a foot may scrape before it is [m]
 CLEARANCE = 0.022  # most clearance that a swing is given on its own account [m]
 CLEARANCE_MORE = 0.0015  # clearance that a swing gets over its source's, up to that [m]
-_INSIST = 20.0  # how much what a contact allows counts against smoothness
+_INSIST = 60.0  # how much what a contact allows counts against smoothness
 CLEARANCE_TIME = 0.1  # time from a stance in which a swing comes to its clearance [s]
 PULL_BACK = 0.7  # share of a swing in which a foot may be held back from a step, at either end
 
@@ -240,6 +243,7 @@ class _StepOver:
         if len(stuck):
             position = self._held_back(position, lift, stuck, mine)
             lift = self._lift(self._lacking(position, self._swing))
+        lift = lift + self._short_lift(position, lift)
         lifted = position.copy()
         lifted[:, 2] += lift
         return lifted, lift
@@ -255,6 +259,14 @@ class _StepOver:
 
     def _lift(self, lacking: Array) -> Array:
         return envelope(np.minimum(lacking, self._most), self._stance, LIFT_TIME * self._fps)
+
+    def _short_lift(self, position: Array, lift: Array) -> Array:
+        """A quick little lift where the foot still scrapes, next to a contact (nframe,) [m]."""
+        scrape = self._lacking(position, self._swing) - self._wanted - lift
+        if scrape.max() < SCRAPE:
+            return np.zeros(len(lift))
+        time = max(SHORT_LIFT_TIME * self._fps, FADE_FRAMES)
+        return envelope(np.minimum(scrape, SHORT_LIFT), self._stance, time)
 
     def _held_back(
         self,

@@ -40,6 +40,7 @@ from mjmotion.rotations import (
 Array = NDArray[np.float64]
 
 REACH_PENALTY = 3e3  # ω of Eq. 6 for a limb that does not reach [1/m²]
+FOLD_SHARE = 1.001  # the same for the least length that a knee can fold it to
 REACH_SHARE = 0.996  # share of a limb's length that counts as reach: a straight knee is singular
 
 
@@ -215,15 +216,17 @@ class HybridIK:
 def _rise(limbs: Limbs, state: LimbState, goal: Array) -> Array:
     """How far the root would have to go up (n,) [m] for every limb to reach; down is negative."""
     rise = np.zeros(len(goal))
-    square, reach = dot(goal, goal), REACH_SHARE * limbs.reach
-    rows, which = np.nonzero(square > reach * reach)
+    square, reach, fold = dot(goal, goal), REACH_SHARE * limbs.reach, FOLD_SHARE * limbs.fold
+    far = square > reach * reach
+    rows, which = np.nonzero(far | (square < fold * fold))
     if len(rows):
         base_quat = np.broadcast_to(state.base_quat, (*goal.shape[:2], 4))
         apart = rotate(base_quat[rows, which], goal[rows, which])
         flat = apart[:, 0] ** 2 + apart[:, 1] ** 2
-        allowed = np.sqrt(np.maximum(reach[which] ** 2 - flat, (0.5 * reach[which]) ** 2))
-        short = np.abs(apart[:, 2]) - allowed
-        order = np.argsort(short)  # the limb that is furthest short decides
+        length = np.where(far[rows, which], reach[which], fold[which])
+        wanted = np.sqrt(np.maximum(length**2 - flat, (0.5 * reach[which]) ** 2 * far[rows, which]))
+        short = np.abs(apart[:, 2]) - wanted
+        order = np.argsort(np.abs(short))  # the limb that is furthest off decides
         rise[rows[order]] = (np.sign(apart[:, 2]) * short)[order]
     return rise
 

@@ -170,6 +170,13 @@ class Limbs:
         square = self._constant + 2.0 * self._r1r2 * np.cos(straight + self._angle0)
         return np.asarray(np.sqrt(square))
 
+    @property
+    def fold(self) -> Array:
+        """(nlimb,) the shortest hip–ankle distance that the knee's range allows [m]."""
+        ends = np.stack([np.cos(bound + self._angle0) for bound in self._range])
+        square = self._constant + 2.0 * self._r1r2 * ends.min(axis=0)
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+
     def bases(self, qpos: Array) -> tuple[Array, Array]:
         """Return hips (n, nlimb, 3) [m] and base orientations in the world.
 
