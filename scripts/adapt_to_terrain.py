@@ -9,7 +9,6 @@ import argparse
 from pathlib import Path
 
 from mjmotion.adapt import adapt
-
 from mjmotion.clips import load_clip
 from mjmotion.results import result_folder, write_results
 from mjmotion.scene import Scene, terrain

@@ -107,7 +107,7 @@ class VideoWriter:
 
     def _verify(self) -> None:
         """Read the header back: ffmpeg's exit code is not to be had from imageio."""
-        import imageio_ffmpeg  # type: ignore[import-untyped]
+        import imageio_ffmpeg
 
         if self._frames == 0:
             raise RenderError(f"video '{self.path}' would have no frames: choose some")
