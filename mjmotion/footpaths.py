@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +38,7 @@ FADE_FRAMES = 1.5  # the same at least, so that a few frames share what one woul
 DIP = 0.001  # how far a foot that rolls on one contact may dig in with its side [m]
 STUCK = 0.002  # how far in a step a lifted foot may be before it is held back [m]
 LIFT_PULL = 30.0  # acceleration with which a foot can be lifted off, or set down [m/s²]
-LIFT_TIME = 0.12  # scale of a lift's rise and fall [s]
+LIFT_TIME = 0.05  # scale of a lift's rise and fall [s]
 SHORT_LIFT = 0.015  # the most that a foot is lifted in a hurry, where it scrapes [m]
 SHORT_LIFT_TIME = 0.03  # scale of that [s]
 SCRAPE = 0.002  # how far a foot may scrape before it is [m]
@@ -261,7 +260,7 @@ class _StepOver:
         return envelope(np.minimum(lacking, self._most), self._stance, LIFT_TIME * self._fps)
 
     def _short_lift(self, position: Array, lift: Array) -> Array:
-        """A quick little lift where the foot still scrapes, next to a contact (nframe,) [m]."""
+        """Lift quickly and little where the foot still scrapes next to a contact (nframe,) [m]."""
         scrape = self._lacking(position, self._swing) - self._wanted - lift
         if scrape.max() < SCRAPE:
             return np.zeros(len(lift))
@@ -276,36 +275,42 @@ class _StepOver:
         mine: Sequence[tuple[Stance, Foothold]],
     ) -> Array:
         """Hold the foot back in the plane where it cannot be lifted in time, as before a riser."""
-        back = position.copy()
-        ends = [(before.end, after.start) for (before, _), (after, _) in pairwise(mine)]
-        for end, start in ends:
-            for anchor, first, last in (
-                (end - 1, end, end + round(PULL_BACK * (start - end))),
-                (start, start - round(PULL_BACK * (start - end)), start),
+        back, nframe = position.copy(), len(position)
+        margin = max(1, round(0.1 * self._fps))
+        for number, (stance, _) in enumerate(mine):
+            before = mine[number - 1][0].end if number > 0 else 0
+            after = mine[number + 1][0].start if number + 1 < len(mine) else nframe
+            # Off this stance, and on to it: the swing, and the part of it that may be held.
+            reach_off = stance.end + round(PULL_BACK * (after - stance.end))
+            reach_on = stance.start - round(PULL_BACK * (stance.start - before))
+            for anchor, begin, stop, low, high in (
+                (stance.end - 1, stance.end, after, stance.end - margin, reach_off),
+                (stance.start, before, stance.start, reach_on, stance.start + margin),
             ):
-                near_end = 2 * np.abs(stuck - anchor) <= start - end
-                frames = stuck[(stuck >= end) & (stuck < start) & near_end]
-                if len(frames) == 0:
-                    continue
-                need = np.full(len(position), -np.inf)
-                for share in (1.0, 0.75, 0.5, 0.25):
-                    trial = position.copy()
-                    trial[frames, :2] += share * (position[anchor, :2] - position[frames, :2])
-                    inside = (
-                        self._lacking(trial, frames)[frames] - self._wanted[frames] - lift[frames]
-                    )
-                    clear = inside <= DIP
-                    need[frames[clear]] = share
-                closed = np.ones(len(position), dtype=bool)
-                margin = max(1, round(0.1 * self._fps))
-                closed[max(0, first - (margin if anchor < first else 0)) : last] = False
-                if anchor >= last:
-                    closed[last : last + margin] = False
-                share_curve = envelope(need, closed, LIFT_TIME * self._fps)
-                part = slice(end, start)
-                pull = np.minimum(share_curve[part], 1.0)[:, None]
-                back[part, :2] += pull * (position[anchor, :2] - position[part, :2])
+                middle = 0.5 * (begin + stop)
+                mine_too = (stuck <= middle) if anchor < begin else (stuck >= middle)
+                frames = stuck[(stuck >= begin) & (stuck < stop) & mine_too]
+                need = self._share_held(position, lift, frames, anchor)
+                if np.isfinite(need).any():
+                    closed = np.ones(nframe, dtype=bool)
+                    closed[max(0, low) : high] = False
+                    curve = np.minimum(envelope(need, closed, LIFT_TIME * self._fps), 1.0)
+                    part = slice(begin, stop)
+                    move = position[anchor, :2] - position[part, :2]
+                    back[part, :2] += curve[part, None] * move
         return back
+
+    def _share_held(
+        self, position: Array, lift: Array, frames: NDArray[np.int64], anchor: int
+    ) -> Array:
+        """Least share (nframe,) of the way back to ``anchor`` that clears ``frames``; -inf else."""
+        need = np.full(len(position), -np.inf)
+        for share in (1.0, 0.75, 0.5, 0.25) if len(frames) else ():
+            trial = position.copy()
+            trial[frames, :2] += share * (position[anchor, :2] - position[frames, :2])
+            inside = self._lacking(trial, frames)[frames] - self._wanted[frames] - lift[frames]
+            need[frames[inside <= DIP]] = share
+        return need
 
 
 def _frames_to(mask: NDArray[np.bool_]) -> Array:

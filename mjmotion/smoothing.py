@@ -99,12 +99,13 @@ def blend(weight: Array, values: Array, time: float) -> Array:
 def envelope(need: Array, fixed: NDArray[np.bool_], time: float) -> Array:
     """Return a smooth curve that is zero at the fixed frames and nowhere below ``need``.
 
-    It minimises ``time⁶ |Δ³ l|² + |l|²`` over the curves that stay above, to within 0.1 mm.
+    It minimises ``τ⁶ |Δ³l|² + 3 τ⁴ |Δ²l|² + 3 τ² |Δl|² + |l|²`` over the curves that stay above, to
+    within 0.1 mm.
 
     Args:
       need: (nframe,) least values; -inf or anything negative where nothing is needed.
       fixed: (nframe,) where the curve must be zero; ``need`` does not count there.
-      time: scale of its rise and fall [frames].
+      time: τ, the scale of its rise and fall [frames].
 
     Returns:
       (nframe,) the curve; zero everywhere when nothing is needed.
@@ -113,7 +114,7 @@ def envelope(need: Array, fixed: NDArray[np.bool_], time: float) -> Array:
     need = np.where(fixed, 0.0, np.maximum(need, 0.0))
     if nframe < 5 or not (need > 0.0).any():
         return np.array(need)
-    base = _energy(nframe, (1.0, 0.0, 0.0, time**6))
+    base = _energy(nframe, (1.0, 3.0 * time**2, 3.0 * time**4, time**6))
     stiffness = _STIFF * base[0].max()
     goal = need.copy()
     curve = np.zeros(nframe)

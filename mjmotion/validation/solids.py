@@ -167,14 +167,17 @@ class Skin:
     def facing_down(self, matrix: Array) -> NDArray[np.bool_]:
         """Return (nframe, n) which points are on the underside, for orientations (nframe, 3, 3)."""
         down = matrix[:, 2, :] @ self.normal.T < 1e-6
-        return np.asarray(down.astype(np.float32) @ self._member > 0)
+        facing = down[:, self.side[:, 0]]
+        for points, normals in self._more_sides:
+            facing[:, points] |= down[:, normals]
+        return np.asarray(facing)
 
     @cached_property
-    def _member(self) -> NDArray[np.float32]:
-        """(k, n) 1 where a normal belongs to a point: a matrix product then asks all at once."""
-        member = np.zeros((len(self.normal), len(self.point)), dtype=np.float32)
-        member[self.side, np.arange(len(self.point))[:, None]] = 1.0
-        return member
+    def _more_sides(self) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+        """Points with a second normal, and which; those with a third; and so on."""
+        first, sides = self.side[:, 0], self.side.T[1:]
+        more = [np.flatnonzero(side != first) for side in sides]
+        return [(points, side[points]) for points, side in zip(more, sides, strict=True)]
 
     def keep(self, chosen: NDArray[np.bool_]) -> Skin:
         """Return the skin with some of its points (n,) only."""
