@@ -135,3 +135,21 @@ def test_no_model_ever_loads_opengl() -> None:
     for path in MODULES:
         if part(path) not in ("video", "report"):
             assert "mujoco.Renderer" not in path.read_text("utf-8"), relative(path)
+
+
+def test_the_front_door_gives_what_it_names() -> None:
+    code = (
+        "import mjmotion, sys\n"
+        "assert 'mujoco' not in sys.modules and set(mjmotion.__all__) <= set(dir(mjmotion))\n"
+        "for name in mjmotion.__all__:\n"
+        "    thing = getattr(mjmotion, name)\n"
+        "    assert callable(thing) and thing.__name__ == name, name\n"
+        "try:\n"
+        "    mjmotion.nothing\n"
+        "except AttributeError as error:\n"
+        "    assert 'nothing' in str(error)\n"
+        "else:\n"
+        "    raise SystemExit('a name that is nowhere was found')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
