@@ -29,7 +29,7 @@ from mjmotion.rotations import (
     yaw_quat,
 )
 from mjmotion.scene.ground import Ground
-from mjmotion.smoothing import blend, envelope, fade
+from mjmotion.smoothing import blend, cover, envelope, fade
 
 Array = NDArray[np.float64]
 
@@ -39,6 +39,7 @@ DIP = 0.001  # how far a foot that rolls on one contact may dig in with its side
 STUCK = 0.002  # how far in a step a lifted foot may be before it is held back [m]
 LIFT_PULL = 30.0  # acceleration with which a foot can be lifted off, or set down [m/s²]
 LIFT_TIME = 0.05  # scale of a lift's rise and fall [s]
+SHORT_LEVER = 0.06  # least lever that a tip about a contact is reckoned with [m]
 SHORT_LIFT = 0.015  # the most that a foot is lifted in a hurry, where it scrapes [m]
 SHORT_LIFT_TIME = 0.03  # scale of that [s]
 SCRAPE = 0.002  # how far a foot may scrape before it is [m]
@@ -186,9 +187,27 @@ def _turned(foot: Foot, holds: _Holds, base: Array, time: float) -> Array:
     # First towards what a contact allows, smoothly; then flat, faded into all that is not flat.
     correction = log(multiply(conjugate(base), allowed))
     quat = multiply(base, exp(blend(np.where(holds.any, _INSIST, 0.0), correction, time)))
+    quat = _tipped_up(foot, holds, quat, time)
     quat = multiply(quat, exp(fade(holds.flat, log(multiply(conjugate(quat), holds.quat)), time)))
     quat[holds.flat] = holds.quat[holds.flat]
     return normalized(quat)
+
+
+def _tipped_up(foot: Foot, holds: _Holds, quat: Array, time: float) -> Array:
+    """Tip a foot on one contact up about it where smoothness still lets its other end dig in."""
+    single = holds.any & ~holds.flat
+    arm = foot.sole - np.where(holds.heel[:, None], foot.heel, foot.toe)[:, None]
+    height = rotate(multiply(conjugate(holds.quat), quat)[:, None], arm)[..., 2]
+    lowest = height.argmin(axis=1)
+    index = np.arange(len(quat))
+    lever = np.maximum(np.abs(arm[index, lowest, 0]), SHORT_LEVER)
+    need = np.where(single, (-height[index, lowest] - DIP) / lever, 0.0)
+    if need.max() <= 0.0:
+        return quat
+    tip = cover(need, time) * np.where(holds.heel, -1.0, 1.0)
+    zero = np.zeros_like(tip)
+    tipped = multiply(quat, exp(np.stack((zero, tip, zero), axis=-1)))
+    return np.where(single[:, None], tipped, quat)
 
 
 def _wanted_clearance(
