@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 SOLE_BAND = 0.004  # foot geometry this close to the sole plane counts as sole [m]
 EDGE_MARGIN = 0.015  # how far inside an edge a sole keeps [m]
 ROUGH = 0.005  # how far ground may be from the sole plane before a better spot is sought [m]
+FIELD_ROUGH = 0.010  # the same on heightfields, which are nowhere quite flat [m]
 SINK = 0.0035  # how far the ground may rise into the sole [m]
 SEARCH_RADIUS = 0.34  # how far a foothold may move [m]
 APPROACH = 0.06  # how far before the toe and behind the heel no step may rise [m]
@@ -237,7 +238,11 @@ def find_footholds(
         foot = feet[stance.foot]
         spot = np.array((*stance.source_pos[:2], height))
         place = _place(foot, ground, spot[None], stance.source_quat)
-        if place.fault[0] > ROUGH or _walled(foot, ground, place, 0):
+        rough = ROUGH
+        if ROUGH < place.fault[0] <= FIELD_ROUGH:
+            sole = spot + rotate(stance.source_quat, foot.sole)
+            rough = FIELD_ROUGH if ground.on_field(sole) else ROUGH
+        if place.fault[0] > rough or _walled(foot, ground, place, 0):
             place = _search(foot, ground, spot, stance, place)
         footholds.append(
             Foothold(

@@ -52,6 +52,12 @@ class Ground:
         normal = np.where(stands[:, None], normal, 0.0)
         return height.reshape(shape), normal.reshape(*shape, 3)
 
+    def on_field(self, points: Array) -> bool:
+        """Return whether all of points (n, 3) are over heightfields, seen as :meth:`under` does."""
+        _, geom, _ = self._rays.cast(points + (0.0, 0.0, LOOK_FROM), np.array((0.0, 0.0, -1.0)))
+        kinds = self.model.geom_type[geom]
+        return bool(((geom >= 0) & (kinds == mujoco.mjtGeom.mjGEOM_HFIELD)).all())
+
     def blocked(self, origins: Array, spans: Array, margin: float = 0.0) -> bool:
         """Return whether any segment (n, 3) + (n, 3), made longer by ``margin``, hits a wall.
 
