@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mjmotion.assets import find_asset
-from mjmotion.exceptions import MotionError, OutputError, RenderError, frame_list
+from mjmotion.exceptions import MotionError, OutputError, RenderError
 
 if TYPE_CHECKING:
     from mjmotion.contacts import Contact
@@ -31,27 +32,39 @@ def warn(line: str) -> None:
 
 
 class _Bar:
-    """A progress bar on stderr; it appears after a second, and never where that is no terminal."""
+    """What is being done, and how far it is, on stderr; nothing where that is no terminal.
 
-    def __init__(self, text: str) -> None:
+    ``stage`` is for steps one after the other; calling the bar counts frames within a step.
+    """
+
+    def __init__(self) -> None:
         from tqdm import tqdm
 
-        self._bar = tqdm(desc=text, leave=False, delay=1.0, disable=None, file=sys.stderr)
+        self._make = partial(tqdm, leave=False, disable=None, file=sys.stderr)
+        self._bar: Any = None
+        self._text = ""
 
     def __call__(self, done: int, total: int) -> None:
-        """Show how much is done."""
-        self._bar.total = total
+        """Show how much of the step is done."""
+        if self._bar.total != total:
+            self._show(self._text, total=total, unit="frame")
         self._bar.update(done - self._bar.n)
 
     def stage(self, text: str) -> None:
-        """Show what is being done."""
-        self._bar.set_description(text)
+        """Show which step begins."""
+        self._text = text
+        self._show(f"{text} …", total=1, bar_format="{desc}")
+
+    def _show(self, text: str, **settings: Any) -> None:
+        self.__exit__()
+        self._bar = self._make(desc=text, **settings)
 
     def __enter__(self) -> _Bar:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._bar.close()
+        if self._bar is not None:
+            self._bar.close()
 
 
 def info(args: argparse.Namespace) -> int:
@@ -76,8 +89,10 @@ def scene(args: argparse.Namespace) -> int:
     if "doorways" in options:
         options["doorways"] = [Doorway(**door) for door in options["doorways"]]
     source = [args.source] if args.kind == "heights" else []
-    made = Scene.from_spec(BUILDERS[args.kind](*source, **options), out.stem)
-    path = save_model(made.spec, out.parent, out.name)
+    with _Bar() as bar:
+        bar.stage("making the scene")
+        made = Scene.from_spec(BUILDERS[args.kind](*source, **options), out.stem)
+        path = save_model(made.spec, out.parent, out.name)
     say(f"scene   {path}")
     return 0
 
@@ -101,52 +116,53 @@ def adapt(args: argparse.Namespace) -> int:
     from mjmotion.results import check_output, load_model, result_folder, write_results
     from mjmotion.scene import load_scene
     from mjmotion.validation import read_thresholds, validate
+    from mjmotion.wishes import all_missed
 
     # What can be wrong without any work comes first.
     check_output(args.out, args.force)
     thresholds = read_thresholds(args.threshold)
     if not args.no_video and (problem := _no_rendering()):
         raise RenderError(f"{problem}; or give --no-video")
-    scene = load_scene(args.scene)
-    model = load_model(find_asset("model", args.character))
-    clip = load_clip(args.clip, model, mapping=args.mapping, fps=args.fps)
-    contacts = load_contacts(args.contacts, model, clip.nframe) if args.contacts else None
-    wishes = load_constraints(args.constraints, model, clip.nframe) if args.constraints else ()
-
-    with result_folder(args.out, args.force) as folder:
-        with _Bar("reading the scene") as bar:
-            adaptation = run(
-                clip,
-                scene,
-                character=args.character,
-                contacts=contacts,
-                constraints=wishes,
-                levels=args.levels,
-                tolerance=args.tolerance / 1000.0,
-                ik=args.ik,
-                progress=bar.stage,
-            )
+    with _Bar() as bar, result_folder(args.out, args.force) as folder:
+        bar.stage("reading scene and clip")
+        scene = load_scene(args.scene)
+        model = load_model(find_asset("model", args.character))
+        clip = load_clip(args.clip, model, mapping=args.mapping, fps=args.fps)
+        contacts = load_contacts(args.contacts, model, clip.nframe) if args.contacts else None
+        wishes = load_constraints(args.constraints, model, clip.nframe) if args.constraints else ()
+        adaptation = run(
+            clip,
+            scene,
+            character=args.character,
+            contacts=contacts,
+            constraints=wishes,
+            levels=args.levels,
+            tolerance=args.tolerance / 1000.0,
+            ik=args.ik,
+            progress=bar.stage,
+        )
+        bar.stage("measuring")
         validation = validate(
             adaptation.source, adaptation.motion, adaptation.contacts, thresholds=thresholds
         )
-        with _Bar("rendering") as tick:
-            title = f"{Path(args.clip).stem} on {scene.name}"
-            write_results(
-                *(folder, adaptation, validation),
-                video=not args.no_video,
-                title=title,
-                progress=tick,
-            )
+        bar.stage("report and video")
+        title = f"{Path(args.clip).stem} on {scene.name}"
+        write_results(
+            *(folder, adaptation, validation),
+            constraints=wishes,
+            video=not args.no_video,
+            title=title,
+            progress=bar,
+        )
     say(f"{title}: {clip.nframe} frames at {clip.fps:g} fps", "")
     say(*_level_lines(adaptation.trace), "", table(validation), "")
-    for unmet in adaptation.unmet:
-        warn(
-            f"not met: {unmet.constraint} at frames {frame_list(unmet.frames)},"
-            f" off by {unmet.residual_mm:.1f} mm"
-        )
+    missed = all_missed(adaptation.unmet, adaptation.motion, wishes)
+    for one in missed:
+        # What the scene asked has its own figures and thresholds; it is told, and no more.
+        warn(f"your constraint is not met: {one}" if one.own else f"note: not met: {one}")
     broken = _tell_broken(validation)
     say(*_path_lines(args.out))
-    return 1 if broken or adaptation.unmet else 0
+    return 1 if broken or any(one.own for one in missed) else 0
 
 
 def validate(args: argparse.Namespace) -> int:
@@ -156,8 +172,11 @@ def validate(args: argparse.Namespace) -> int:
     from mjmotion.validation import read_thresholds
 
     thresholds = read_thresholds(args.threshold)
-    report = Report.from_folder(args.folder, thresholds=thresholds)
-    write_report(args.folder, report)
+    with _Bar() as bar:
+        bar.stage("measuring")
+        report = Report.from_folder(args.folder, thresholds=thresholds)
+        bar.stage("report")
+        write_report(args.folder, report)
     say(report.table(), "")
     broken = _tell_broken(report.validation)
     say(*_path_lines(args.folder))
@@ -184,7 +203,8 @@ def render(args: argparse.Namespace) -> int:
         check_file(out, args.force)
         motion = Motion.load(args.path, load_model(args.model))
     width, height = args.size
-    with _Bar("rendering") as tick:
+    with _Bar() as bar:
+        bar.stage("rendering")
         path = render_video(
             out,
             motion,
@@ -193,7 +213,7 @@ def render(args: argparse.Namespace) -> int:
             layout=args.layout,
             width=width,
             height=height,
-            progress=tick,
+            progress=bar,
         )
     say(f"video   {path}")
     return 0

@@ -243,14 +243,16 @@ def _enforce(
         qpos = qpos.copy()
         qpos[:, 2] += _spread(solution.rise, frames, motion)
         solution = solver.enforce(qpos[frames], targets)
+    before = math.inf
     for turn in range(_EASES + 1):
         closed = qpos.copy()
         closed[frames] = oplus(motion.model, qpos[frames], solution.displacement)
         clamped = limits.clamp_to_limits(motion.model, closed)
-        over = np.abs(clamped[frames] - closed[frames]).max(axis=1) > LIMIT_SLACK
+        beyond = np.abs(clamped[frames] - closed[frames]).max(axis=1)
+        over, worst = beyond > LIMIT_SLACK, float(beyond.max())
         if not over.any():
             break
-        if turn == _EASES:
+        if turn == _EASES or worst > _BETTER * before:
             # What no smooth move of the root mends, the solver that knows limits makes the best of.
             rows = np.flatnonzero(over)
             solver = NumericIK(motion.model, iterations=_BEST_STEPS)
@@ -263,6 +265,7 @@ def _enforce(
             chosen = few.frames[better.any(axis=1)]
             clamped[chosen] = moved[chosen]
             break
+        before = worst
         qpos = _ease(motion, qpos, targets, np.flatnonzero(over), spacings)
         solution = solver.enforce(qpos[frames], targets)
     return clamped, error

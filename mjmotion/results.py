@@ -20,7 +20,7 @@ import dataclasses
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +34,7 @@ from mjmotion.scene import save_model
 
 if TYPE_CHECKING:
     from mjmotion.adapt import Adaptation
+    from mjmotion.constraints import SiteConstraint
     from mjmotion.validation import Validation
 
 MOTION, SOURCE, MODEL, CONTACTS = "motion.npz", "source.npz", "model.xml", "contacts.json"
@@ -152,6 +153,7 @@ def write_results(
     adaptation: Adaptation,
     validation: Validation,
     *,
+    constraints: Sequence[SiteConstraint] = (),
     video: bool = True,
     title: str = "Adapted motion",
     progress: Callable[[int, int], None] | None = None,
@@ -162,6 +164,7 @@ def write_results(
       folder: where; use :func:`result_folder` to have it appear whole or not at all.
       adaptation: what ``adapt`` returned.
       validation: its figures.
+      constraints: the user's own, which ``adapt`` was given: the report lists those not met.
       video: whether to render ``video.mp4`` too.
       title: what the report is called.
       progress: called with frames done and frames in all while the video is rendered.
@@ -172,7 +175,8 @@ def write_results(
     """
     folder = Path(folder)
     write_motions(folder, adaptation)
-    write_report(folder, Report.from_adaptation(adaptation, validation, title=title))
+    report = Report.from_adaptation(adaptation, validation, constraints=constraints, title=title)
+    write_report(folder, report)
     if video:
         from mjmotion.video import render_video
 

@@ -27,6 +27,7 @@ MAP: tuple[tuple[str, ...], ...] = (
     ("ik",),
     ("ankles", "clearance"),
     ("fit",),
+    ("wishes",),
     ("clips",),
     ("adapt",),
     ("validation",),

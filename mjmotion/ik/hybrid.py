@@ -57,7 +57,7 @@ class HybridIK:
         self.weights = default_weights(model) if weights is None else np.asarray(weights)
         self._numeric = NumericIK(model, self.weights)
         self._ends = {limb.end: limb for limb in find_limbs(model)}
-        self._fixed: tuple[Targets, Array, Array] | None = None
+        self._fixed: tuple[Targets, Array] | None = None
         self._plan: tuple[bytes, Limbs | None, NDArray[np.bool_]] | None = None
 
     def solve(
@@ -130,32 +130,29 @@ class HybridIK:
 
         What is not held stays as it is: the orientation of the end, or the place of the site.
         """
-        point = self.model.site_pos[targets.sites]
-        current = multiply(state.base_quat, state.end)
-        arm = rotate(current, point - limbs.end_anchor)
-        site = state.hip + rotate(state.base_quat, state.ankle) + arm
-        gap = targets.position - site
-        held = targets.position_weight
-        error = np.sqrt(np.max(dot(gap, gap) * (held > 0.0), axis=1, initial=0.0))
+        point = self.model.site_pos[targets.sites] - limbs.end_anchor
         to_base = conjugate(state.base_quat)
+        arm = state.ankle + rotate(state.end, point)
+        held = targets.position_weight
         if (targets.turn_weight == 1.0).all() and (held == 1.0).all():
-            ankle, end_quat = self._fixed_goals(limbs, targets)
+            site = rotate(to_base, targets.position - state.hip)
+            end = multiply(to_base, self._end_quat(targets))
+            gap = site - arm
         else:
-            end_quat = multiply(targets.quat, conjugate(self.model.site_quat[targets.sites]))
-            turn = log(multiply(conjugate(current), end_quat)) * targets.turn_weight[..., None]
-            end_quat = multiply(current, exp(turn))
-            position = site + held[..., None] * gap
-            ankle = position - rotate(end_quat, point - limbs.end_anchor)
-        return rotate(to_base, ankle - state.hip), multiply(to_base, end_quat), error
+            wanted = multiply(to_base, self._end_quat(targets))
+            turn = log(multiply(conjugate(state.end), wanted)) * targets.turn_weight[..., None]
+            end = multiply(state.end, exp(turn))
+            gap = rotate(to_base, targets.position - state.hip) - arm
+            site = arm + held[..., None] * gap
+        error = np.sqrt(np.max(dot(gap, gap) * (held > 0.0), axis=1, initial=0.0))
+        return site - rotate(end, point), end, error
 
-    def _fixed_goals(self, limbs: Limbs, targets: Targets) -> tuple[Array, Array]:
-        """Ankles and end orientations in the world that targets ask for, whatever the pose."""
+    def _end_quat(self, targets: Targets) -> Array:
+        """Return the orientations of the ends that targets ask for, kept from level to level."""
         if self._fixed is None or self._fixed[0] is not targets:
-            end_quat = multiply(targets.quat, conjugate(self.model.site_quat[targets.sites]))
-            point = self.model.site_pos[targets.sites] - limbs.end_anchor
-            ankle = targets.position - rotate(end_quat, point)
-            self._fixed = (targets, ankle, end_quat)
-        return self._fixed[1], self._fixed[2]
+            to_end = conjugate(self.model.site_quat[targets.sites])
+            self._fixed = (targets, multiply(targets.quat, to_end))
+        return self._fixed[1]
 
     def _follow(self, qpos: Array, limbs: Limbs, state: LimbState) -> tuple[_Base, Array, Array]:
         """How the limbs' joints follow the body, (n, nbase, nlimb, 7), and swivel (n, nlimb, 7)."""

@@ -146,11 +146,17 @@ def _unmet(report: Report) -> str:
     for unmet in report.unmet:
         frames = list(unmet["frames"])
         shown = ", ".join(str(frame) for frame in frames[:8]) + (", …" if len(frames) > 8 else "")
+        mm, degrees = unmet.get("residual_mm"), unmet.get("residual_deg")
+        off = f"{float(mm):.1f} mm" if mm is not None else f"{float(degrees or 0.0):.1f}°"
+        whose = "your own" if unmet.get("own") else "the scene's"
         rows.append(
-            f"<tr><td>{escape(str(unmet['constraint']))}</td><td class='n'>{len(frames)}</td>"
-            f"<td>{shown}</td><td class='n'>{float(unmet['residual_mm']):.1f} mm</td></tr>"
+            f"<tr><td>{escape(str(unmet['constraint']))}</td><td>{whose}</td>"
+            f"<td class='n'>{len(frames)}</td><td>{shown}</td><td class='n'>{off}</td></tr>"
         )
-    head = "<tr><th>constraint</th><th class='n'>frames</th><th></th><th class='n'>off by</th></tr>"
+    head = (
+        "<tr><th>constraint</th><th>whose</th><th class='n'>frames</th><th></th>"
+        "<th class='n'>off by</th></tr>"
+    )
     return (
         "<h2>Constraints that could not be met</h2>"
         f'<div class="wide"><table>{head}{"".join(rows)}</table></div>'

@@ -20,9 +20,11 @@ from mjmotion.exceptions import MotionError, OutputError
 from mjmotion.motion import Motion
 from mjmotion.validation import Validation, validate
 from mjmotion.validation.result import as_numbers
+from mjmotion.wishes import all_missed
 
 if TYPE_CHECKING:
     from mjmotion.adapt import Adaptation
+    from mjmotion.constraints import SiteConstraint
     from mjmotion.report.page import Picture
 
 _JSON, _PAGE = "report.json", "report.html"
@@ -40,7 +42,8 @@ class Report:
       levels: a dict a level of the fit: level, frames_per_knot, seconds, max_error_percent.
       fit_seconds: how long the whole fit took; None where no fit is known.
       exact_error_percent: greatest error after the exact pass, percent of the character's height.
-      unmet: a dict a constraint that could not be met: constraint, frames, residual_mm.
+      unmet: a dict a constraint that was not met: constraint, frames, residual_mm or, of an
+        orientation, residual_deg, and own: whether the user asked for it.
       title: what the page is called.
     """
 
@@ -60,9 +63,17 @@ class Report:
         adaptation: Adaptation,
         validation: Validation | None = None,
         *,
+        constraints: Sequence[SiteConstraint] = (),
         title: str = "Adapted motion",
     ) -> Report:
-        """Return the report of what ``adapt`` returned, validated here unless it was already."""
+        """Return the report of what ``adapt`` returned, validated here unless it was already.
+
+        Args:
+          adaptation: what it is about.
+          validation: its figures.
+          constraints: the user's own, given to ``adapt``: those not met are listed as theirs.
+          title: what the page is called.
+        """
         if validation is None:
             validation = validate(adaptation.source, adaptation.motion, adaptation.contacts)
         return cls(
@@ -73,7 +84,10 @@ class Report:
             tuple(_level(level) for level in adaptation.trace.levels),
             float(adaptation.trace.fit_seconds),
             float(adaptation.trace.exact_error_percent),
-            tuple(dataclasses.asdict(unmet) for unmet in adaptation.unmet),
+            tuple(
+                missed.as_dict()
+                for missed in all_missed(adaptation.unmet, adaptation.motion, constraints)
+            ),
             title,
         )
 
@@ -83,8 +97,8 @@ class Report:
     ) -> Report:
         """Compute every figure again from the files that ``mjmotion adapt`` wrote.
 
-        Only what cannot be computed again (levels and time of the fit, what it could not meet)
-        comes from the ``report.json`` that is there, if there is one.
+        Only what cannot be computed again (title, levels and time of the fit, what it could not
+        meet) comes from the ``report.json`` that is there, if there is one.
 
         Args:
           folder: with ``motion.npz``, ``source.npz``, ``model.xml`` and ``contacts.json``.
@@ -130,6 +144,7 @@ class Report:
                 fit_seconds=earlier.get("fit_seconds"),
                 exact_error_percent=earlier.get("exact_error_percent"),
                 unmet=tuple(dict(unmet) for unmet in earlier.get("unmet") or ()),
+                title=str(earlier.get("title") or self.title),
             )
         except (OSError, ValueError, TypeError, AttributeError) as error:
             raise MotionError(
@@ -158,6 +173,7 @@ class Report:
         figures = self.validation
         whole = {
             "mjmotion": mjmotion.__version__,
+            "title": self.title,
             "nframe": figures.nframe,
             "fps": figures.fps,
             "levels": list(self.levels),
