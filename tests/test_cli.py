@@ -156,6 +156,29 @@ def test_force_replaces_and_a_broken_threshold_is_exit_1(walk: Path, tmp_path: P
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+OFF = [
+    f"--threshold={name}=none"
+    for name in ("jerk_ratio_rms", "jerk_ratio_p999", "root_travel_ratio", "swing_clearance_mm")
+]
+
+
+def test_a_constraint_of_the_user_s_that_is_not_met_is_exit_1(walk: Path, tmp_path: Path) -> None:
+    wishes = tmp_path / "wishes.yaml"
+    # A hand turned further than a wrist goes: no threshold asks after it.
+    wishes.write_text("- {site: left_hand, frames: [40, 44], quat: [0, 1, 0, 0]}\n", "utf-8")
+    words = ("adapt", walk, "--scene", "flat", "--no-video", *OFF)
+    done = run(*words, "--out", tmp_path / "without")
+    assert done.returncode == 0, done.stderr
+    done = run(*words, "--out", tmp_path / "with", "--constraints", wishes)
+    assert done.returncode == 1, done.stderr
+    assert "your constraint is not met: orientation of left_hand at frames 40" in done.stderr
+    assert "threshold broken" not in done.stderr
+    report = json.loads((tmp_path / "with" / "report.json").read_text("utf-8"))
+    (missed,) = report["unmet"]
+    assert missed["own"] and missed["frames"] == [40, 41, 42, 43] and missed["residual_deg"] > 1
+    assert "your own" in (tmp_path / "with" / "report.html").read_text("utf-8")
+
+
 def test_all_options_are_taken(walk: Path, result: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     wishes = tmp_path / "wishes.yaml"

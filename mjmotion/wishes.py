@@ -1,0 +1,118 @@
+"""The user's own constraints, measured on the adapted motion: which were not met.
+
+    wishes = load_constraints("constraints.yaml", model, nframe)
+    missed = unmet_wishes(adaptation.motion, wishes)
+
+What the scene asks of the feet is the program's own plan, and how well it was kept is seen in the
+figures. A wish of the user's has no figure: it is met or it is named here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mjmotion.constraints import SiteConstraint, lay_out
+from mjmotion.exceptions import frame_list
+from mjmotion.kinematics import Kinematics
+from mjmotion.motion import Motion
+
+if TYPE_CHECKING:
+    from mjmotion.fit import Unmet
+
+POSITION_TOLERANCE = 1e-3  # [m]
+TURN_TOLERANCE = np.radians(0.5)  # [rad]
+
+
+@dataclasses.dataclass(frozen=True)
+class Missed:
+    """A constraint that was not met: what, where, by how much, and whose it is.
+
+    Attributes:
+      constraint: such as ``position of left_hand``.
+      frames: where.
+      residual_mm: the most it is off [mm]; None for an orientation.
+      residual_deg: the most it is off [degrees]; None for a position.
+      own: whether the user asked for it; else the scene did.
+    """
+
+    constraint: str
+    frames: tuple[int, ...]
+    residual_mm: float | None
+    residual_deg: float | None = None
+    own: bool = False
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as ``report.json`` holds it."""
+        return {**dataclasses.asdict(self), "frames": list(self.frames)}
+
+    def __str__(self) -> str:
+        off = (
+            f"{self.residual_mm:.1f} mm"
+            if self.residual_mm is not None
+            else f"{self.residual_deg:.1f} degrees"
+        )
+        return f"{self.constraint} at frames {frame_list(self.frames)}, off by {off}"
+
+
+def unmet_wishes(motion: Motion, wishes: Sequence[SiteConstraint]) -> tuple[Missed, ...]:
+    """Return the user's constraints that a motion does not meet.
+
+    Those of a weight below 1 may give way and are not asked after. Where two speak of the same site
+    and frame, the later counts.
+
+    Raises:
+      ConstraintError: a frame the motion does not have.
+      ModelError: an unknown site.
+    """
+    if not wishes:
+        return ()
+    model = motion.model
+    targets = lay_out(wishes, model, motion.nframe)
+    pose = Kinematics(model, len(targets.frames)).forward(motion.qpos[targets.frames])
+    gap = np.linalg.norm(targets.position - pose.site_xpos[:, targets.sites], axis=-1)
+    # A turn's trace holds the cosine of its angle and its skew part the sine: exact at any angle.
+    between = np.einsum("nsji,nsjk->nsik", pose.site_xmat[:, targets.sites], targets.matrix)
+    skew = between - between.swapaxes(-1, -2)
+    sine = np.linalg.norm(skew, axis=(-1, -2)) / np.sqrt(8.0)
+    cosine = (np.trace(between, axis1=-2, axis2=-1) - 1.0) / 2.0
+    turn = np.arctan2(sine, cosine)
+    found = []
+    for column, site in enumerate(targets.sites):
+        name = model.site(int(site)).name
+        bad = (targets.position_weight[:, column] == 1.0) & (gap[:, column] > POSITION_TOLERANCE)
+        if bad.any():
+            frames = tuple(targets.frames[bad].tolist())
+            worst = 1000.0 * float(gap[bad, column].max())
+            found.append(Missed(f"position of {name}", frames, worst, own=True))
+        bad = (targets.turn_weight[:, column] == 1.0) & (turn[:, column] > TURN_TOLERANCE)
+        if bad.any():
+            frames = tuple(targets.frames[bad].tolist())
+            degrees = float(np.degrees(turn[bad, column].max()))
+            found.append(Missed(f"orientation of {name}", frames, None, degrees, own=True))
+    return tuple(found)
+
+
+def all_missed(
+    unmet: Sequence[Unmet], motion: Motion, wishes: Sequence[SiteConstraint] = ()
+) -> tuple[Missed, ...]:
+    """Return everything that was not met: the user's wishes first, then what the scene asked.
+
+    Args:
+      unmet: what the fit could not meet, wishes among it.
+      motion: the adapted motion.
+      wishes: the user's own constraints.
+    """
+    asked: dict[str, set[int]] = {}
+    for wish in wishes:
+        if wish.position is not None:
+            asked.setdefault(f"position of {wish.site}", set()).update(wish.frames.tolist())
+    rest = []
+    for one in unmet:
+        frames = tuple(f for f in one.frames if f not in asked.get(one.constraint, ()))
+        if frames:
+            rest.append(Missed(one.constraint, frames, one.residual_mm))
+    return (*unmet_wishes(motion, wishes), *rest)

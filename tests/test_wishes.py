@@ -1,0 +1,92 @@
+"""The user's own constraints, measured: met, missed by a known amount, overridden, or mild."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjmotion.constraints import SiteConstraint
+from mjmotion.fit import Unmet
+from mjmotion.motion import Motion
+from mjmotion.results import load_model
+from mjmotion.rotations import normalized
+from mjmotion.wishes import Missed, all_missed, unmet_wishes
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def motion() -> Motion:
+    model = load_model(ROOT / "models" / "mjcf" / "humanoid.xml")
+    return Motion(model, np.tile(model.qpos0, (20, 1)), 30.0)
+
+
+def hand_of(motion: Motion) -> np.ndarray:
+    import mujoco
+
+    data = mujoco.MjData(motion.model)
+    data.qpos[:] = motion.qpos[0]
+    mujoco.mj_kinematics(motion.model, data)
+    return np.array(data.site("left_hand").xpos)
+
+
+def wish(frames: range, shift: float = 0.0, motion: Motion | None = None, **more) -> SiteConstraint:
+    assert motion is not None
+    return SiteConstraint(
+        "left_hand", np.array(frames), hand_of(motion) + [shift, 0.0, 0.0], **more
+    )
+
+
+def test_what_is_met_is_not_named(motion: Motion) -> None:
+    level = wish(range(3, 9), motion=motion, quat=[1, 0, 0, 0])
+    assert unmet_wishes(motion, [level]) == ()
+    assert unmet_wishes(motion, []) == ()
+
+
+def test_a_position_missed_is_named_with_frames_and_residual(motion: Motion) -> None:
+    (missed,) = unmet_wishes(motion, [wish(range(3, 6), 0.012, motion)])
+    assert (missed.constraint, missed.frames, missed.own) == (
+        "position of left_hand",
+        (3, 4, 5),
+        True,
+    )
+    assert missed.residual_mm == pytest.approx(12.0) and missed.residual_deg is None
+    assert str(missed) == "position of left_hand at frames 3, 4, 5, off by 12.0 mm"
+    assert json.loads(json.dumps(missed.as_dict()))["frames"] == [3, 4, 5]
+
+
+@pytest.mark.parametrize("degrees", [1.0, 30.0, 90.0, 179.0])
+def test_an_orientation_missed_is_named_in_degrees(motion: Motion, degrees: float) -> None:
+    half = np.radians(degrees) / 2
+    quat = normalized(np.array([np.cos(half), *(np.sin(half) * np.array([0.6, 0.0, 0.8]))]))
+    turned = SiteConstraint("left_hand", np.array([7]), None, quat)
+    (missed,) = unmet_wishes(motion, [turned])
+    assert (missed.constraint, missed.frames) == ("orientation of left_hand", (7,))
+    assert missed.residual_mm is None
+    assert missed.residual_deg == pytest.approx(degrees, abs=1e-6)
+
+
+def test_a_wish_that_may_give_way_is_not_asked_after(motion: Motion) -> None:
+    assert unmet_wishes(motion, [wish(range(3, 6), 0.5, motion, weight=0.5)]) == ()
+
+
+def test_the_later_of_two_counts(motion: Motion) -> None:
+    far, here = wish(range(3, 9), 0.5, motion), wish(range(5, 9), 0.0, motion)
+    (missed,) = unmet_wishes(motion, [far, here])
+    assert missed.frames == (3, 4)
+
+
+def test_the_scene_s_own_targets_are_told_apart(motion: Motion) -> None:
+    unmet = (
+        Unmet("position of left_hand", (3, 4), 500.0),
+        Unmet("position of left_foot", (8,), 2.5),
+    )
+    missed = all_missed(unmet, motion, [wish(range(3, 5), 0.5, motion)])
+    assert [(one.constraint, one.own) for one in missed] == [
+        ("position of left_hand", True),
+        ("position of left_foot", False),
+    ]
+    assert missed[1] == Missed("position of left_foot", (8,), 2.5)
