@@ -93,7 +93,7 @@ def test_limbs_are_found_by_their_joints() -> None:
         for side in ("left", "right")
     } | {("pelvis", f"{side}_thigh", f"{side}_shank", f"{side}_foot") for side in ("left", "right")}
     assert len(find_limbs(slanted())) == 1
-    assert find_limbs(mixed()) == []
+    assert find_limbs(mixed()) == ()
 
 
 @pytest.mark.parametrize("name", ["left_thigh", "right_upper_arm", "slanted"])

@@ -10,11 +10,16 @@ swivel a limb: 8 numbers for a walk instead of 20. Each solve is one Gauss–New
    further from their ankles than the limb reaches;
 3. the displacement is ``d0 + T z``.
 
+T and its normal matrix are kept from level to level once the errors are small (a chord step): z
+decides only how a displacement is shared, d0 closes the limbs whatever it is.
+
 Frames that break an inequality, or hold a site that is on no limb's end, need every joint and not
 only these; they are few, and go to the numeric solver.
 """
 
 from __future__ import annotations
+
+import dataclasses
 
 import mujoco
 import numpy as np
@@ -40,6 +45,7 @@ from mjmotion.rotations import (
 Array = NDArray[np.float64]
 
 REACH_PENALTY = 3e3  # ω of Eq. 6 for a limb that does not reach [1/m²]
+KEEP_WITHIN = 0.08  # T is kept from level to level while errors are below this share of a limb
 FOLD_SHARE = 1.001  # the same for the least length that a knee can fold it to
 REACH_SHARE = 0.996  # share of a limb's length that counts as reach: a straight knee is singular
 
@@ -57,6 +63,7 @@ class HybridIK:
         self.weights = default_weights(model) if weights is None else np.asarray(weights)
         self._numeric = NumericIK(model, self.weights)
         self._ends = {limb.end: limb for limb in find_limbs(model)}
+        self._kept: _Reduced | None = None
         self._fixed: tuple[Targets, Array] | None = None
         self._plan: tuple[bytes, Limbs | None, NDArray[np.bool_]] | None = None
 
@@ -71,8 +78,11 @@ class HybridIK:
             state = limbs.state(qpos)
             goal, end, error = self._goals(limbs, state, closable)
             d0 = limbs.close(state, goal, end)
-            base, follow, swivel = self._follow(qpos, limbs, state)
-            body, step = self._body_step(limbs, base, follow, swivel, d0, goal)
+            near = error.max(initial=0.0) < KEEP_WITHIN * float(limbs.reach.min())
+            if not (near and self._kept is not None and self._kept.targets is closable):
+                self._kept = self._reduce(qpos, limbs, state, closable)
+            base = self._kept.base
+            body, step = self._body_step(limbs, self._kept, d0, goal)
             displacement[:, base.dofs] = body
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
         if inequalities is not None:
@@ -154,8 +164,11 @@ class HybridIK:
             self._fixed = (targets, multiply(targets.quat, to_end))
         return self._fixed[1]
 
-    def _follow(self, qpos: Array, limbs: Limbs, state: LimbState) -> tuple[_Base, Array, Array]:
-        """How the limbs' joints follow the body, (n, nbase, nlimb, 7), and swivel (n, nlimb, 7)."""
+    def _reduce(self, qpos: Array, limbs: Limbs, state: LimbState, targets: Targets) -> _Reduced:
+        """Find how all joints follow the body while the limbs stay closed (T), swivels taken out.
+
+        A swivel couples its own limb only: each column of T keeps just what no swivel makes up for.
+        """
         base = _Base(self.model, limbs, qpos, state)
         moving, turning, swivel = limbs.closure(state)
         turn, move = base.twist(state.ankle)
@@ -163,51 +176,63 @@ class HybridIK:
         by_limb = follow.swapaxes(1, 2)
         np.matmul(move, np.swapaxes(moving, 2, 3), out=by_limb)
         by_limb[..., 4:] += turn @ np.swapaxes(turning, 2, 3)
-        return base, follow, swivel
+        root = np.sqrt(self.weights[limbs.dofs])
+        swivel = swivel * root
+        swivel = swivel / np.maximum(norm(swivel), 1e-9)[..., None]
+        follow *= root
+        follow -= np.einsum("nbkd,nkd->nbk", follow, swivel)[..., None] * swivel[:, None]
+        rows = follow.reshape(len(follow), len(base.dofs), -1)
+        matrix = rows @ rows.swapaxes(1, 2)
+        index = np.arange(len(base.dofs))
+        matrix[:, index, index] += self.weights[base.dofs]
+        return _Reduced(targets, base, swivel, rows, matrix, root)
 
     def _body_step(
-        self, limbs: Limbs, base: _Base, follow: Array, swivel: Array, d0: Array, goal: Array
+        self, limbs: Limbs, reduced: _Reduced, d0: Array, goal: Array
     ) -> tuple[Array, Array]:
-        """Solve ``(Tᵀ M T) z = −Tᵀ M d0``: moves of the body (n, nbase) and limbs (n, nlimb, 7).
-
-        A swivel couples its own limb only, so it is taken out first: each column of T, and d0, keep
-        just what no swivel could make up for.
-        """
-        count = len(base.dofs)
-        root = np.sqrt(self.weights[limbs.dofs])
-        turn = swivel * root
-        turn = turn / np.maximum(norm(turn), 1e-9)[..., None]
-        rows = follow * root
-        rows -= np.einsum("nbkd,nkd->nbk", rows, turn)[..., None] * turn[:, None]
-        rest = d0 * root
-        rest = rest - dot(rest, turn)[..., None] * turn
-        rows = rows.reshape(len(rows), count, -1)
-        matrix = rows @ rows.swapaxes(1, 2)
-        right = -(rows @ rest.reshape(len(rest), -1, 1))
-        self._pull_into_reach(limbs, base, goal, matrix, right)
-        index = np.arange(count)
-        matrix[:, index, index] += self.weights[base.dofs]
+        """Solve ``(Tᵀ M T) z = −Tᵀ M d0``: moves of the body (n, nbase) and limbs (n, nlimb, 7)."""
+        rest = d0 * reduced.root
+        rest = rest - dot(rest, reduced.swivel)[..., None] * reduced.swivel
+        matrix = reduced.matrix
+        right = -(reduced.rows @ rest.reshape(len(rest), -1, 1))
+        far = dot(goal, goal) > (REACH_SHARE * limbs.reach) ** 2
+        if far.any():
+            matrix = matrix.copy()
+            self._pull_into_reach(limbs, reduced.base, goal, far, matrix, right)
         body = np.linalg.solve(matrix, right)
-        step = rest.reshape(len(rest), -1) + (body.swapaxes(1, 2) @ rows)[:, 0]
-        return body[..., 0], step.reshape(d0.shape) / root
+        step = rest.reshape(len(rest), -1) + (body.swapaxes(1, 2) @ reduced.rows)[:, 0]
+        return np.asarray(body[..., 0]), step.reshape(d0.shape) / reduced.root
 
     def _pull_into_reach(
-        self, limbs: Limbs, base: _Base, goal: Array, matrix: Array, right: Array
+        self,
+        limbs: Limbs,
+        base: _Base,
+        goal: Array,
+        far: NDArray[np.bool_],
+        matrix: Array,
+        right: Array,
     ) -> None:
         """Add the penalty on limbs that are too short for their goals to the normal equations."""
-        square = dot(goal, goal)
-        reach = REACH_SHARE * limbs.reach
-        far = square > reach * reach
-        if not far.any():
-            return
         rows = np.flatnonzero(far.any(axis=1))
-        length = np.sqrt(square[rows])
-        over = np.where(far[rows], length - reach, 0.0)
+        length = norm(goal[rows])
+        over = np.where(far[rows], length - REACH_SHARE * limbs.reach, 0.0)
         line = goal[rows] / length[..., None]
         pull = (base.twist(np.zeros_like(line), rows)[1] @ line[..., None])[..., 0]
         pull = pull * (REACH_PENALTY**0.5 * far[rows])[..., None]
         matrix[rows] += np.einsum("nkb,nkc->nbc", pull, pull)
         right[rows] += (REACH_PENALTY**0.5 * np.einsum("nkb,nk->nb", pull, over))[..., None]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Reduced:
+    """The reduced problem at some poses, weighted: swivels (n, nlimb, 7), T (n, nbase, nlimb · 7)."""
+
+    targets: Targets
+    base: _Base
+    swivel: Array
+    rows: Array
+    matrix: Array
+    root: Array
 
 
 def _rise(limbs: Limbs, state: LimbState, goal: Array) -> Array:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -54,7 +55,8 @@ class Limb:
     end: int
 
 
-def find_limbs(model: mujoco.MjModel) -> list[Limb]:
+@lru_cache(maxsize=8)
+def find_limbs(model: mujoco.MjModel) -> tuple[Limb, ...]:
     """Return every ball–hinge–ball chain of single-joint bodies in the model."""
     limbs = []
     for end in range(1, model.nbody):
@@ -63,7 +65,7 @@ def find_limbs(model: mujoco.MjModel) -> list[Limb]:
         kinds = [_only_joint(model, body) for body in (upper, lower, end)]
         if kinds == [_BALL, _HINGE, _BALL] and model.body_parentid[upper] > 0:
             limbs.append(Limb(int(model.body_parentid[upper]), upper, lower, end))
-    return limbs
+    return tuple(limbs)
 
 
 def _only_joint(model: mujoco.MjModel, body: int) -> int | None:
