@@ -303,7 +303,7 @@ def _duck(
     coarse = spacings[: max(1, len(spacings) - 2)]
     frames = np.arange(source.nframe)
     targets = over_all_frames(lay_out(wanted, source.model, source.nframe), source.nframe)
-    solver = NumericIK(source.model)
+    solver = NumericIK(source.model, iterations=1)  # the rounds are its iterations
     clearance.margin = DUCK_MARGIN
     for spacing in coarse + DUCK_ROUNDS * coarse[-1:]:
         broken = np.unique(clearance(qpos, frames).frame)

@@ -95,11 +95,11 @@ def find_feet(model: mujoco.MjModel) -> tuple[Foot, ...]:
 
 
 def _hull(points: Array) -> Array:
-    """Corners of the convex hull of points, thinned to a hundred."""
+    """Corners of the convex hull of points, thinned to some forty."""
     from scipy.spatial import ConvexHull
 
     corners = points[ConvexHull(points).vertices]
-    return corners[:: max(1, len(corners) // 100)]
+    return corners[:: max(1, len(corners) // 40)]
 
 
 def _fill(points: Array) -> Array:

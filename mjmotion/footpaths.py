@@ -260,8 +260,9 @@ class _StepOver:
         stuck = self._swing[inside[self._swing] > STUCK]
         if len(stuck):
             position = self._held_back(position, lift, stuck, mine)
-            lift = self._lift(self._lacking(position, self._swing))
-        lift = lift + self._short_lift(position, lift)
+            lacking = self._lacking(position, self._swing)
+            lift = self._lift(lacking)
+        lift = lift + self._short_lift(lacking, lift)
         lifted = position.copy()
         lifted[:, 2] += lift
         return lifted, lift
@@ -278,9 +279,9 @@ class _StepOver:
     def _lift(self, lacking: Array) -> Array:
         return envelope(np.minimum(lacking, self._most), self._stance, LIFT_TIME * self._fps)
 
-    def _short_lift(self, position: Array, lift: Array) -> Array:
+    def _short_lift(self, lacking: Array, lift: Array) -> Array:
         """Lift quickly and little where the foot still scrapes next to a contact (nframe,) [m]."""
-        scrape = self._lacking(position, self._swing) - self._wanted - lift
+        scrape = lacking - self._wanted - lift
         if scrape.max() < SCRAPE:
             return np.zeros(len(lift))
         time = max(SHORT_LIFT_TIME * self._fps, FADE_FRAMES)

@@ -225,7 +225,7 @@ class HybridIK:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Reduced:
-    """The reduced problem at some poses, weighted: swivels (n, nlimb, 7), T (n, nbase, nlimb · 7)."""
+    """The reduced problem, weighted: swivels (n, nlimb, 7) and T (n, nbase, nlimb · 7)."""
 
     targets: Targets
     base: _Base

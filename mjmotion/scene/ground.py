@@ -9,6 +9,7 @@ Only static geoms that collide are ground; pictures and moving bodies are not.
 from __future__ import annotations
 
 import copy
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -24,15 +25,10 @@ STEEPEST = 0.35  # least upward part of a normal that can be stood on: about 70Â
 
 
 class Ground:
-    """Static surfaces of one scene."""
+    """Static surfaces of one scene; its ray casters are kept from one use to the next."""
 
     def __init__(self, scene: Scene) -> None:
-        self.model = solid_model(scene.model)
-        self._rays = RayCaster(self.model)
-        fields = self.model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD
-        walls = copy.copy(self.model)
-        walls.geom_rgba[fields, 3] = 0.0
-        self._wall_rays = RayCaster(walls)
+        self.model, self._rays, self._wall_rays = _casters(scene.model)
 
     def under(self, points: Array) -> tuple[Array, Array]:
         """Return the surface under points, seen from :data:`LOOK_FROM` above each.
@@ -67,6 +63,15 @@ class Ground:
         direction = spans / np.maximum(length, 1e-9)[:, None]
         distance, _, _ = self._wall_rays.cast(origins, direction)
         return bool(((distance >= 0.0) & (distance < length + margin)).any())
+
+
+@lru_cache(maxsize=4)
+def _casters(model: mujoco.MjModel) -> tuple[mujoco.MjModel, RayCaster, RayCaster]:
+    """Return the solid model, rays against all of it, and rays against all but heightfields."""
+    solid = solid_model(model)
+    walls = copy.copy(solid)
+    walls.geom_rgba[walls.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD, 3] = 0.0
+    return solid, RayCaster(solid), RayCaster(walls)
 
 
 def solid_model(model: mujoco.MjModel) -> mujoco.MjModel:
