@@ -102,13 +102,15 @@ def residuals(report: Report) -> str:
         for bar, error in zip(bars, errors, strict=True):
             text = f"{error:.2g}" if error >= smallest else f"under {smallest:g}"
             middle = bar.get_x() + bar.get_width() / 2
+            inside = error >= 10 * smallest  # out of the way of the paper's line
             axes.annotate(
                 text,
                 (middle, max(error, smallest)),
-                xytext=(0, 3),
+                xytext=(0, -14 if inside else 3),
                 textcoords="offset points",
                 ha="center",
                 fontsize=9,
+                color="white" if inside else _INK,
             )
         # The paper's levels are 16, 8, 4 and 2 frames a knot: only those stand beside each other.
         paper = [
