@@ -42,7 +42,6 @@ TOUCHING = 0.004  # nearer than this to an obstacle, and another level follows [
 RISE_TIME = 0.25  # over how long the root rises or sinks for a limb to reach at last [s]
 LIMIT_SLACK = 1e-5  # how far a closed limb may be out of its range before the root gives [rad]
 _EASES = 4
-_BEST_STEPS = 8  # Gauss–Newton steps of the last resort
 _BETTER = 0.8  # another level only while each leaves less than this share of the one before
 _EXTRA_LEVELS = 6  # at most, at the finest spacing, to get the edges that close
 _PASSES = 2  # times that Eq. 2 is applied at a level's knots: then to what the first time left
@@ -253,17 +252,7 @@ def _enforce(
         if not over.any():
             break
         if turn == _EASES or worst > _BETTER * before:
-            # What no smooth move of the root mends, the solver that knows limits makes the best of.
-            rows = np.flatnonzero(over)
-            solver = NumericIK(motion.model, iterations=_BEST_STEPS)
-            few = targets.at(rows)
-            best = solver.solve(qpos[few.frames], few)
-            moved = clamped.copy()
-            moved[few.frames] = oplus(motion.model, qpos[few.frames], best.displacement)
-            moved = limits.clamp_to_limits(motion.model, moved)
-            better = residuals(motion.replace(moved), few) < residuals(motion.replace(clamped), few)
-            chosen = few.frames[better.any(axis=1)]
-            clamped[chosen] = moved[chosen]
+            # What no smooth move of the root mends stays within limits, and is reported.
             break
         before = worst
         qpos = _ease(motion, qpos, targets, np.flatnonzero(over), spacings)
