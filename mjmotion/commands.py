@@ -196,6 +196,8 @@ def render(args: argparse.Namespace) -> int:
         check_file(out, args.force)
         results = read_results(args.path)
         motion, source, contacts = results.motion, results.source, results.contacts
+    elif not args.path.exists():
+        raise MotionError(f"'{args.path}' does not exist: give a result folder or a motion file")
     else:
         if args.model is None:
             raise MotionError(f"'{args.path}' is not a result folder: a motion file needs --model")

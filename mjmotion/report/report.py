@@ -109,6 +109,8 @@ class Report:
         """
         folder = Path(folder)
         path = folder / "model.xml"
+        if not folder.is_dir():
+            raise MotionError(f"result folder '{folder}' does not exist: run mjmotion adapt first")
         if not path.is_file():
             raise MotionError(f"'{folder}' holds no model.xml: give a folder that adapt wrote")
         try:
