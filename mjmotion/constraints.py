@@ -109,9 +109,9 @@ def load_constraints(
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise ConstraintError(f"constraints file '{path}' does not exist: check the path") from None
+        raise ConstraintError(f"cannot read constraints file '{path}': it does not exist") from None
     except (OSError, UnicodeDecodeError) as error:
-        raise ConstraintError(f"constraints file '{path}' cannot be read: {error}") from error
+        raise ConstraintError(f"cannot read constraints file '{path}': {error}") from error
     if path.suffix.lower() == ".json":
         try:
             entries = json.loads(text)
