@@ -9,8 +9,14 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from mjmotion import cli
+from mjmotion.clips import ROLES, find_rig, read_clip
+from mjmotion.clips.rig import REQUIRED
+from mjmotion.constraints import load_constraints
+from mjmotion.contacts import load_contacts
+from mjmotion.results import load_model
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text("utf-8")
@@ -65,7 +71,40 @@ def test_commands_are_real(words: list[str], tmp_path: Path) -> None:
         assert program in ("pip", "cd", "git", "sudo"), f"the README shows an untested {program}"
 
 
+def test_the_files_that_are_shown_are_taken(tmp_path: Path) -> None:
+    model = load_model(ROOT / "models" / "mjcf" / "humanoid.xml")
+    mapping, constraints = (yaml.safe_load(block) for block in blocks("yaml"))
+    assert mapping.keys() == {"joints", "up", "scale", "ignore"}
+    assert set(mapping["joints"]) | set(mapping["ignore"]) <= set(ROLES)
+    clip = tmp_path / "clip.bvh"
+    joints = "".join(
+        f"JOINT {name} {{ OFFSET 0 1 0 CHANNELS 3 Zrotation Xrotation Yrotation }}\n"
+        for name in (*list(mapping["joints"].values())[1:], *(set(REQUIRED) - {"pelvis"}))
+    )
+    root = "OFFSET 0 0 0 CHANNELS 3 Xposition Yposition Zposition"
+    row = " ".join(["0"] * (3 + 3 * joints.count("JOINT")))
+    clip.write_text(
+        f"HIERARCHY ROOT {mapping['joints']['pelvis']} {{ {root} {joints} }}\n"
+        f"MOTION\nFrames: 1\nFrame Time: 0.1\n{row}\n",
+        "utf-8",
+    )
+    rig = find_rig(read_clip(clip), mapping)
+    assert rig.up == "z" and rig.joints["left_hip"] == mapping["joints"]["left_hip"]
+
+    path = tmp_path / "constraints.yaml"
+    path.write_text(blocks("yaml")[1], "utf-8")
+    (wish,) = load_constraints(path, model, 464)
+    assert wish.site == constraints[0]["site"] and len(wish.frames) == 20
+    path = tmp_path / "contacts.json"
+    path.write_text(blocks("json")[0], "utf-8")
+    assert len(load_contacts(path, model, 464)) == 2
+
+
 def test_links_lead_somewhere() -> None:
-    for target in re.findall(r"\]\(([^)#]+)\)", TEXT):
+    targets = re.findall(r"\]\(([^)#]+)\)", TEXT)
+    assert len(targets) > 5
+    for target in targets:
         if not target.startswith(("http:", "https:")):
             assert (ROOT / target).exists(), target
+    for picture in (target for target in targets if target.endswith((".jpg", ".png"))):
+        assert (ROOT / picture).stat().st_size < 300_000, picture
