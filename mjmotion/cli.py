@@ -3,8 +3,8 @@
 Here are the arguments and the errors; what the commands do is in ``commands.py``, which is only
 imported once a command is to run, so that ``--help`` answers at once.
 
-Exit codes: 0 well; 1 a threshold is broken or a constraint of the user's not met (output is written);
-2 bad input (one line on stderr, nothing written).
+Exit codes: 0 well; 1 a threshold is broken or a constraint of the user's own is not met (the output
+is written); 2 bad input (one line on stderr, nothing written).
 """
 
 from __future__ import annotations
