@@ -27,7 +27,7 @@ from mjmotion.exceptions import ContactError, SceneError, frame_list
 from mjmotion.fit import Fit, Trace, Unmet, default_levels, fit, over_all_frames
 from mjmotion.footholds import Foothold, find_feet, find_footholds, find_stances
 from mjmotion.footpaths import FootPath, foot_path
-from mjmotion.ik.limb import Limbs, find_limbs
+from mjmotion.ik.limb import find_limbs, limbs_of
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import default_weights
 from mjmotion.kinematics import Kinematics, Pose
@@ -175,7 +175,7 @@ def _drop(source: Motion, pose: Pose, paths: Sequence[FootPath], shift: Array) -
         limb = ends.get(int(site.bodyid[0]))
         if limb is None:
             continue
-        limbs = Limbs(source.model, [limb])
+        limbs = limbs_of(source.model, (limb,))
         hip = pose.xanchor[:, source.model.body_jntadr[limb.upper]]
         ankle = pose.xanchor[:, source.model.body_jntadr[limb.end]]
         was = np.linalg.norm(hip - ankle, axis=1)

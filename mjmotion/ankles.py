@@ -18,7 +18,7 @@ from mjmotion import limits
 from mjmotion.contacts import Contact
 from mjmotion.footholds import Foot
 from mjmotion.footpaths import FootPath
-from mjmotion.ik.limb import Limbs, find_limbs
+from mjmotion.ik.limb import Limbs, find_limbs, limbs_of
 from mjmotion.kinematics import site_id
 from mjmotion.motion import Motion
 from mjmotion.rotations import conjugate, multiply, rotate
@@ -51,7 +51,7 @@ def give(
     for foot, path in zip(feet, paths, strict=True):
         limb = ends.get(foot.body)
         if limb is not None:
-            limbs = Limbs(motion.model, [limb])
+            limbs = limbs_of(motion.model, (limb,))
             flat = path
             for _ in range(_ROUNDS):
                 turned = _turn_back(motion, limbs, foot, path)

@@ -33,6 +33,7 @@ FIELD_ROUGH = 0.010  # the same on heightfields, which are nowhere quite flat [m
 SINK = 0.0035  # how far the ground may rise into the sole [m]
 SEARCH_RADIUS = 0.34  # how far a foothold may move [m]
 APPROACH = 0.06  # how far before the toe and behind the heel no step may rise [m]
+CROWD_COST = 0.06  # way that half of that space is worth [m]
 STEP = 0.02  # a rise there that counts as a step [m]
 _RINGS, _RAYS = 17, 16
 _ANKLE = 0.10  # height over the sole at which walls are felt for [m]
@@ -242,7 +243,7 @@ def find_footholds(
         if ROUGH < place.fault[0] <= FIELD_ROUGH:
             sole = spot + rotate(stance.source_quat, foot.sole)
             rough = FIELD_ROUGH if ground.on_field(sole) else ROUGH
-        if place.fault[0] > rough or _walled(foot, ground, place, 0):
+        if place.fault[0] > rough or place.crowded[0] > 0 or _walled(foot, ground, place, 0):
             place = _search(foot, ground, spot, stance, place)
         footholds.append(
             Foothold(
@@ -258,16 +259,28 @@ def find_footholds(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Placed:
-    """Candidate footholds (n, …) and how badly the ground fits under each [m]."""
+    """Candidate footholds (n, …), how badly the ground fits under each [m], how crowded each is.
+
+    ``crowded`` is 1 when a step rises near the toe or behind the heel, 2 when it is very near.
+    """
 
     position: Array
     quat: Array
     normal: Array
     fault: Array
+    crowded: Array
+
+    def __add__(self, other: _Placed) -> _Placed:
+        return _Placed(
+            *(
+                np.concatenate((getattr(self, field.name), getattr(other, field.name)))
+                for field in dataclasses.fields(self)
+            )
+        )
 
     def __getitem__(self, index: int) -> _Placed:
         one = slice(index, index + 1)
-        return _Placed(self.position[one], self.quat[one], self.normal[one], self.fault[one])
+        return _Placed(*(getattr(self, field.name)[one] for field in dataclasses.fields(self)))
 
 
 def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
@@ -275,7 +288,12 @@ def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
     margin = 1.0 + EDGE_MARGIN / np.maximum(np.linalg.norm(foot.sole[2:, :2], axis=1), 0.03)
     probe = foot.sole[2:] * np.column_stack((margin, margin, np.ones(len(margin))))
     ahead = APPROACH * normalized((foot.toe - foot.heel) * (1.0, 1.0, 0.0))
-    ends = (foot.heel, foot.toe, foot.heel - ahead, foot.toe + ahead)
+    near = [
+        place
+        for part in (0.5, 1.0)
+        for place in (foot.heel - part * ahead, foot.toe + part * ahead)
+    ]
+    ends = (foot.heel, foot.toe, *near)
     offset = rotate(yaw, np.concatenate((ends, probe)))
     points = spots[:, None] + offset * (1.0, 1.0, 0.0)
     heights, normals = ground.under(points)
@@ -299,14 +317,13 @@ def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
         (points + (0, 0, 1) * (heights - points[..., 2])[..., None] - position[:, None])
         * normal[:, None]
     ).sum(axis=-1) - foot.sole[0, 2]
-    step = (above[:, 2:4] > STEP + np.abs(along[:, 2:]) * APPROACH).any(axis=1)
-    above = np.delete(above, (2, 3), axis=1)
+    step = above[:, 2:6] > STEP + np.abs(along[:, 2:]) * APPROACH
+    crowded = step[:, :2].any(axis=1) + step.any(axis=1).astype(float)
+    above = np.delete(above, (2, 3, 4, 5), axis=1)
     rise = above[:, 2:].max(axis=1)
     position = position + normal * np.maximum(0.0, rise - SINK)[:, None]
-    # A step close before the toe or behind the heel is no fault of the ground, only in the way.
-    fault = np.abs(above).max(axis=1) + missing.sum(axis=1)
-    fault = np.where(step, np.maximum(fault, 2.0 * ROUGH), fault)
-    return _Placed(position, quat, normal, fault)
+    fault = np.abs(above).max(axis=1) + missing[:, [0, 1, *range(6, missing.shape[1])]].sum(axis=1)
+    return _Placed(position, quat, normal, fault, crowded)
 
 
 def _walled(foot: Foot, ground: Ground, placed: _Placed, index: int) -> bool:
@@ -323,8 +340,12 @@ def _search(foot: Foot, ground: Ground, spot: Array, stance: Stance, first: _Pla
     angle = np.tile(np.arange(_RAYS) * 2.0 * np.pi / _RAYS, _RINGS)
     shift = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), np.zeros(len(radius))))
     placed = _place(foot, ground, spot + rotate(stance.source_quat, shift), stance.source_quat)
+    if first.fault[0] <= ROUGH and not _walled(foot, ground, first, 0):
+        radius, placed = np.concatenate(([0.0], radius)), first + placed
     good = np.flatnonzero(placed.fault <= ROUGH)
-    for index in good:
+    # Some crowding is worth a little way, not any: on narrow treads there is no better spot.
+    worth = radius[good] + CROWD_COST * placed.crowded[good]
+    for index in good[np.argsort(worth, kind="stable")]:
         if not _walled(foot, ground, placed, int(index)):
             return placed[int(index)]
     # Ground that is uneven everywhere: trade how far to move against how badly it fits.

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.constraints import Targets
-from mjmotion.ik.limb import Limb, Limbs, LimbState, find_limbs
+from mjmotion.ik.limb import Limb, Limbs, LimbState, find_limbs, limbs_of
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import Clearance, Solution, default_weights
 from mjmotion.kinematics import body_dofs, body_pose
@@ -125,7 +125,7 @@ class HybridIK:
                 if limb is not None and limb not in limbs:
                     limbs.append(limb)
                     closable[column] = True
-            self._plan = (key, Limbs(self.model, limbs) if limbs else None, closable)
+            self._plan = (key, limbs_of(self.model, tuple(limbs)) if limbs else None, closable)
         _, found, closable = self._plan
         if closable.all():
             return found, targets, np.zeros(len(targets.frames), dtype=bool)

@@ -99,6 +99,12 @@ class LimbState:
     end: Array
 
 
+@lru_cache(maxsize=16)
+def limbs_of(model: mujoco.MjModel, limbs: tuple[Limb, ...]) -> Limbs:
+    """Return :class:`Limbs`, the same ones for the same model and limbs."""
+    return Limbs(model, limbs)
+
+
 class Limbs:
     """Some limbs of one model, solved together.
 
