@@ -10,6 +10,7 @@ from pathlib import Path
 
 from mjmotion.adapt import adapt
 from mjmotion.clips import load_clip
+from mjmotion.report import table
 from mjmotion.results import result_folder, write_results
 from mjmotion.scene import Scene, terrain
 from mjmotion.validation import validate
@@ -28,10 +29,7 @@ def main() -> None:
     validation = validate(adaptation.source, adaptation.motion, adaptation.contacts)
     with result_folder(args.out) as folder:
         write_results(folder, adaptation, validation, video=False)
-
-    for row in validation.summary():
-        verdict = {True: "ok", False: "broken", None: ""}[row.ok]
-        print(f"{row.label:32} {row.value:10.4g} {row.unit:5} {row.threshold:14} {verdict}")
+    print(table(validation))
 
 
 if __name__ == "__main__":
