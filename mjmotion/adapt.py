@@ -24,7 +24,16 @@ from mjmotion.clearance import MARGIN, Obstacle, ObstacleClearance, find_obstacl
 from mjmotion.constraints import SiteConstraint, lay_out
 from mjmotion.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.exceptions import ContactError, SceneError, frame_list
-from mjmotion.fit import Fit, Trace, Unmet, default_levels, fit, over_all_frames
+from mjmotion.fit import (
+    Fit,
+    Trace,
+    Unmet,
+    default_levels,
+    find_unmet,
+    fit,
+    over_all_frames,
+    residuals,
+)
 from mjmotion.footholds import Foothold, find_feet, find_footholds, find_stances
 from mjmotion.footpaths import FootPath, foot_path
 from mjmotion.ik.limb import find_limbs, limbs_of
@@ -46,6 +55,7 @@ REACH_FREE = 0.97  # share of a leg's length that a root path may always ask for
 REACH_MOST = 0.995  # the most it may ask for, where the source did
 DROP_TIME = 0.3  # how far on either side it is felt that a leg would not reach [s]
 ROOT_STIFFNESS = 15.0  # how much stiffer the root is than elsewhere: its path is planned
+LEAN = 0.25  # how far beyond a limb's reach the body may lean for a target [m]
 GIVE_ROUNDS = 2  # times that the fitted motion is asked whether its ankles can follow
 DUCK_ROUNDS = 6  # at most, with the finest of the knots that serve to find the way
 STUCK = 0.02  # deeper than this in an obstacle after all, and the way is barred [m]
@@ -224,7 +234,8 @@ def adapt(
     composed = spec.compile()
     say("contacts and footholds")
     what = plan(clip, scene, contacts)
-    wanted = [*what.constraints(), *constraints]
+    own = _within_reach(constraints, _shifted(what.source, what.root_shift))
+    wanted = [*what.constraints(), *own]
     start: Motion = what.source
     shift: Array | bool = what.root_shift
     clearance = None
@@ -253,7 +264,7 @@ def adapt(
         what = dataclasses.replace(what, paths=paths, contacts=contacts_left)
         again = fit(
             result.motion,
-            [*what.constraints(), *constraints],
+            [*what.constraints(), *own],
             levels=[2.0],
             ik=ik,
             weights=stiff_root(clip.model),
@@ -270,14 +281,42 @@ def adapt(
         )
     if clearance is not None:
         _check_passage(clearance, result)
+    # Against what was asked for, not what was brought within reach.
+    asked = lay_out([*what.constraints(), *constraints], clip.model, clip.nframe)
     return Adaptation(
         what.source.on(composed),
         result.motion.on(composed),
         what.contacts,
         result.trace,
-        result.unmet,
+        find_unmet(result.motion, asked, residuals(result.motion, asked)),
         spec,
     )
+
+
+def _within_reach(constraints: Sequence[SiteConstraint], motion: Motion) -> list[SiteConstraint]:
+    """Bring targets for hands and feet as near as a limb and a lean of the body can go.
+
+    A target further away would drag the whole body after it, off its footholds.
+    """
+    model = motion.model
+    ends = {limb.end: limb for limb in find_limbs(model)}
+    pose = Kinematics(model, motion.nframe).forward(motion.qpos)
+    near = []
+    for constraint in constraints:
+        site = model.site(constraint.site)
+        limb = ends.get(int(site.bodyid[0]))
+        inside = (constraint.frames >= 0).all() and (constraint.frames < motion.nframe).all()
+        if limb is None or constraint.position is None or not inside:
+            near.append(constraint)
+            continue
+        base = pose.xanchor[constraint.frames, model.body_jntadr[limb.upper]]
+        hand = float(np.linalg.norm(site.pos))
+        most = float(limbs_of(model, (limb,)).reach[0]) + hand + LEAN
+        away = constraint.position - base
+        length = np.linalg.norm(away, axis=1, keepdims=True)
+        position = base + away * np.minimum(1.0, most / np.maximum(length, 1e-9))
+        near.append(dataclasses.replace(constraint, position=position))
+    return near
 
 
 def stiff_root(model: mujoco.MjModel) -> Array:

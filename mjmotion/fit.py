@@ -38,6 +38,7 @@ SOLVERS = ("hybrid", "numeric")
 FIRST_SPACING = 16.0 / 30.0  # the paper's coarsest knots: 16 frames at 30 fps [s]
 FINEST = 2.0  # frames a knot of the last level
 EDGE_RESIDUAL = 1e-4  # what may be left beside free frames before the exact pass [m]
+UNMET = 1e-3  # residual from which a constraint counts as not met [m]
 TOUCHING = 0.004  # nearer than this to an obstacle, and another level follows [m]
 RISE_TIME = 0.25  # over how long the root rises or sinks for a limb to reach at last [s]
 LIMIT_SLACK = 1e-5  # how far a closed limb may be out of its range before the root gives [rad]
@@ -105,7 +106,7 @@ def fit(
     clearance: Clearance | None = None,
     first_guess: Array | bool = True,
     exact: bool = True,
-    unmet_tolerance: float = 1e-3,
+    unmet_tolerance: float = UNMET,
     progress: Callable[[int, int], None] | None = None,
 ) -> Fit:
     """Fit a motion to constraints (Algorithm 1).
@@ -184,7 +185,7 @@ def fit(
         percent * worst,
         sum(constraint.nscalar for constraint in constraints),
     )
-    return Fit(fitted, trace, _unmet(motion, targets, residual, unmet_tolerance))
+    return Fit(fitted, trace, find_unmet(motion, targets, residual, unmet_tolerance))
 
 
 def _check_levels(levels: Sequence[float]) -> list[float]:
@@ -360,9 +361,17 @@ def residuals(motion: Motion, targets: Targets) -> Array:
     return np.asarray(gap * (targets.position_weight > 0))
 
 
-def _unmet(
-    motion: Motion, targets: Targets, residual: Array, tolerance: float
+def find_unmet(
+    motion: Motion, targets: Targets, residual: Array, tolerance: float = UNMET
 ) -> tuple[Unmet, ...]:
+    """Return the exact position targets of a motion that are off by more than ``tolerance`` [m].
+
+    Args:
+      motion: the fitted motion.
+      targets: what was to hold.
+      residual: (n, s) :func:`residuals` of the two [m].
+      tolerance: residual from which a constraint counts as not met [m].
+    """
     found = []
     for column, site in enumerate(targets.sites):
         exact = targets.position_weight[:, column] == 1.0
@@ -381,6 +390,7 @@ __all__ = [
     "Unmet",
     "contact_shift",
     "default_levels",
+    "find_unmet",
     "fit",
     "position_error",
     "residuals",
