@@ -285,7 +285,7 @@ class Kinematics:
 
         Args:
           qpos: (n, nq) poses: of all frames, or of ``frames``.
-          frames: (n,) places in the batch to use, when ``n`` is less than ``nframe``.
+          frames: (n,) places in the batch to use, rising, when ``n`` is less than ``nframe``.
         """
         rows = slice(None) if frames is None else frames
         self._qpos[rows] = qpos
