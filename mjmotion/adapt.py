@@ -11,6 +11,7 @@ the solids near the way. Constraints of the user's own are added to those.
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from mjmotion.constraints import SiteConstraint, lay_out
 from mjmotion.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.exceptions import ContactError, SceneError, frame_list
 from mjmotion.fit import (
+    FINEST,
     Fit,
     Trace,
     Unmet,
@@ -236,6 +238,7 @@ def adapt(
     what = plan(clip, scene, contacts)
     own = _within_reach(constraints, _shifted(what.source, what.root_shift))
     wanted = [*what.constraints(), *own]
+    began = time.perf_counter()
     start: Motion = what.source
     shift: Array | bool = what.root_shift
     clearance = None
@@ -245,6 +248,7 @@ def adapt(
         clearance = ObstacleClearance(body, what.obstacles, find_feet(clip.model), clip.nframe)
         start, shift = _duck(what, wanted, clearance, levels), False
     say("fit")
+    ducked = time.perf_counter() - began
     result = fit(
         start,
         wanted,
@@ -265,7 +269,7 @@ def adapt(
         again = fit(
             result.motion,
             [*what.constraints(), *own],
-            levels=[2.0],
+            levels=[FINEST],
             ik=ik,
             weights=stiff_root(clip.model),
             clearance=clearance,
@@ -287,7 +291,7 @@ def adapt(
         what.source.on(composed),
         result.motion.on(composed),
         what.contacts,
-        result.trace,
+        dataclasses.replace(result.trace, fit_seconds=ducked + result.trace.fit_seconds),
         find_unmet(result.motion, asked, residuals(result.motion, asked)),
         spec,
     )

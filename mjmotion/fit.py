@@ -250,10 +250,8 @@ def _enforce(
         clamped = limits.clamp_to_limits(motion.model, closed)
         beyond = np.abs(clamped[frames] - closed[frames]).max(axis=1)
         over, worst = beyond > LIMIT_SLACK, float(beyond.max())
-        if not over.any():
-            break
-        if turn == _EASES or worst > _BETTER * before:
-            # What no smooth move of the root mends stays within limits, and is reported.
+        # What no smooth move of the root mends stays within limits, and is reported.
+        if not over.any() or turn == _EASES or worst > _BETTER * before:
             break
         before = worst
         qpos = _ease(motion, qpos, targets, np.flatnonzero(over), spacings)

@@ -1,8 +1,8 @@
 """What every IK solver does: the least displacement that meets the constraints, frame by frame.
 
 A solver sees the poses of the constrained frames, all at once, and answers with one displacement a
-frame, which minimises Eq. 4, ``Σ α_i |v_i|²``, among those that meet the targets. It keeps nothing
-between calls that changes an answer.
+frame, which minimises Eq. 4, ``Σ α_i |v_i|²``, among those that meet the targets. From one level
+to the next of the same targets it may keep what hardly changes; make a solver for each fit.
 """
 
 from __future__ import annotations
