@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from mjmotion import rotations as rot
 from mjmotion.clips.frames import UP, calibrate, frame_of, speed_of
 from mjmotion.clips.rig import SIDES
+from mjmotion.smoothing import cover
 
 if TYPE_CHECKING:
     from mjmotion.clips.mapping import Figure
@@ -219,9 +220,9 @@ def place_feet(
             lack = np.where(rising, np.maximum(lack, 0.0), 0.0)
             if lack.max() < 1e-3:
                 break
-            pinned[at] = pinned[at].tipped(envelope(lack, 0.03 * fps) / toe[0], toe)
+            pinned[at] = pinned[at].tipped(cover(lack, 0.12 * fps) / toe[0], toe)
         drop = np.maximum(drop, _lack(hip, pinned[at].ankle, _REACH * figure.leg))
-    return root - envelope(drop, 0.1 * fps)[:, None] * UP, pinned
+    return root - cover(drop, 0.4 * fps)[:, None] * UP, pinned
 
 
 def _lack(hip: Array, ankle: Array, reach: float) -> Array:
@@ -367,14 +368,3 @@ def carry(values: Array, weight: Array, fps: float) -> Array:
             band[lag, row : nframe - 3 + row] += stiff * difference[row] * difference[row + lag]
     band[0] += weight + _SOFT * (1 - weight)
     return np.asarray(solveh_banded(band, values * weight[:, None], lower=True))
-
-
-def envelope(need: Array, width: float) -> Array:
-    """Return a smooth curve on or above ``need`` (nframe,), zero far from where it is positive."""
-    if not (need > 0).any():
-        return np.zeros_like(need)
-    from scipy.ndimage import gaussian_filter1d, maximum_filter1d
-
-    width = max(width, 1.0)
-    wide = maximum_filter1d(need, 2 * int(4 * width) + 1, mode="nearest")
-    return np.asarray(gaussian_filter1d(wide, width, mode="nearest", truncate=4.0))

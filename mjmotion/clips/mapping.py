@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mjmotion import rotations as rot
-from mjmotion.clips.feet import Foot, envelope, place_feet
+from mjmotion.clips.feet import Foot, place_feet
 from mjmotion.clips.frames import (
     UP,
     Upright,
@@ -24,6 +24,7 @@ from mjmotion.clips.skeleton import Clip
 from mjmotion.exceptions import ModelError, unknown_name
 from mjmotion.limits import ball_limits, clamp_to_limits, limit_excess, swing_twist
 from mjmotion.motion import Motion
+from mjmotion.smoothing import cover
 
 Array = rot.Array
 
@@ -181,7 +182,7 @@ def _leg(
         excess = figure.most_dorsiflexion[side] - swing_twist(ankle)[:, 1]
         if excess.max() < 1e-4:
             break
-        extra = extra + envelope(np.maximum(excess, 0), 0.05 * fps)
+        extra = extra + cover(excess, 0.2 * fps)
     return thigh, knee, tipped.quat
 
 
