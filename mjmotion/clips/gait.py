@@ -26,13 +26,14 @@ from mjmotion.clips.gait_feet import (
     foot_shape,
     swing_phases,
 )
+from mjmotion.clips.gait_legs import SIDES, close_legs, knee_room, leg_of, pelvis_height
 from mjmotion.clips.gait_plan import Path, Segment, ease, plan_path, plan_steps
 from mjmotion.clips.gait_table import GaitTable, gait_table
 from mjmotion.exceptions import ClipError, ModelError
-from mjmotion.ik.limb import Limb, Limbs, find_limbs
+from mjmotion.ik.limb import Limbs
 from mjmotion.kinematics import Kinematics
 from mjmotion.motion import Motion
-from mjmotion.rotations import conjugate, exp, multiply, rotate, yaw_quat
+from mjmotion.rotations import exp, multiply, rotate, yaw_quat
 
 Array = NDArray[np.float64]
 
@@ -52,10 +53,9 @@ WALK = (
 )
 
 _CENTRE = ("spine", "neck", "head")
-_SIDES = ("left", "right")
 _LIMB = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 _HINGES = ("elbow", "knee")
-JOINTS = _CENTRE + tuple(f"{side}_{part}" for side in _SIDES for part in _LIMB)
+JOINTS = _CENTRE + tuple(f"{side}_{part}" for side in SIDES for part in _LIMB)
 
 _WIDTHS = (0.17, 0.12)  # of the stance, standing and walking [m]
 _TOE_OUT = np.deg2rad(6.0)
@@ -132,7 +132,7 @@ def _check_model(model: mujoco.MjModel) -> None:
             f" this model lacks the joints {', '.join(missing)}"
         )
     sites = {model.site(i).name for i in range(model.nsite)}
-    wanted = [f"{side}_{part}" for side in _SIDES for part in ("heel", "toe")]
+    wanted = [f"{side}_{part}" for side in SIDES for part in ("heel", "toe")]
     missing = [name for name in wanted if name not in sites]
     if missing:
         raise ModelError(
@@ -143,26 +143,18 @@ def _check_model(model: mujoco.MjModel) -> None:
 def _poses(model: mujoco.MjModel, path: Path, psi: Array, stride: float) -> Array:
     """Return qpos (n, nq) at phases (n,)."""
     table = gait_table()
-    legs = Limbs(model, [_leg(model, side) for side in _SIDES])
-    shapes = [foot_shape(model, side) for side in _SIDES]
+    legs = Limbs(model, [leg_of(model, side) for side in SIDES])
+    shapes = [foot_shape(model, side) for side in SIDES]
     swing = _table_swing(model, table)
     scale = min(stride / STRIDE, 1.2)
     feet = partial(_feet, path, shapes, swing)
     # How high the pelvis can be is found on a grid of its own, so that no frame rate changes it.
     grid = path.psi[::2]
     body = _body(model, table, path, grid, scale)
-    room = _room(legs, body, feet(grid))
+    room = knee_room(legs, body, feet(grid), _KNEE)
     qpos = _body(model, table, path, psi, scale)
-    qpos[:, 2] += _height(grid, room, np.clip(psi, grid[0], grid[-1]))
-    return _close(legs, qpos, feet(psi))
-
-
-def _leg(model: mujoco.MjModel, side: str) -> Limb:
-    foot = int(model.joint(f"{side}_ankle").bodyid[0])
-    for limb in find_limbs(model):
-        if limb.end == foot:
-            return limb
-    raise ModelError(f"the built-in walk needs the humanoid: its {side} leg is no ball-hinge-ball")
+    qpos[:, 2] += pelvis_height(grid, room, np.clip(psi, grid[0], grid[-1]), _NEAR)
+    return close_legs(legs, qpos, feet(psi))
 
 
 def _body(model: mujoco.MjModel, table: GaitTable, path: Path, psi: Array, scale: float) -> Array:
@@ -213,7 +205,7 @@ def _body(model: mujoco.MjModel, table: GaitTable, path: Path, psi: Array, scale
 def _feet(path: Path, shapes: Sequence[FootShape], swing: Swing, psi: Array) -> tuple[Array, Array]:
     """Return ankles (n, 2, 3) [m] and orientations (n, 2, 4) of both feet."""
     places, turns = [], []
-    for side, shape in zip(_SIDES, shapes, strict=True):
+    for side, shape in zip(SIDES, shapes, strict=True):
         steps = plan_steps(path, side, _WIDTHS, _TOE_OUT)
         foot = foot_motion(steps, psi, shape, swing)
         zero = np.zeros_like(psi)
@@ -244,48 +236,6 @@ def _table_swing(model: mujoco.MjModel, table: GaitTable) -> Swing:
     toe = rotate(pose.xquat[:, foot], np.array((1.0, 0.0, 0.0)))
     ankle = pose.xpos[:, foot]
     return find_swing(ankle[:, 0], ankle[:, 2], np.arcsin(-toe[:, 2]))
-
-
-def _room(legs: Limbs, qpos: Array, feet: tuple[Array, Array]) -> Array:
-    """Return how far (n,) the pelvis can rise before a knee is straighter than allowed [m]."""
-    hip, _ = legs.bases(qpos)
-    thigh, shank = (
-        np.linalg.norm(legs.model.body_pos[[getattr(leg, part) for leg in legs.limbs]], axis=1)
-        for part in ("lower", "end")
-    )
-    bent = thigh**2 + shank**2 + 2.0 * thigh * shank * np.cos(_KNEE)
-    flat = ((feet[0] - hip)[..., :2] ** 2).sum(axis=-1)
-    highest = feet[0][..., 2] + np.sqrt(np.maximum(bent - flat, 0.01))
-    return np.asarray((highest - hip[..., 2]).min(axis=1))
-
-
-def _height(grid: Array, room: Array, psi: Array) -> Array:
-    """Return a smooth height (n,) that is nowhere over ``room``."""
-    from scipy.interpolate import CubicSpline
-    from scipy.ndimage import gaussian_filter1d, minimum_filter1d
-
-    low = minimum_filter1d(room, 2 * _NEAR + 1, mode="nearest")
-    smooth = gaussian_filter1d(low, _NEAR / 3.0, mode="nearest", truncate=3.0)
-    return np.asarray(CubicSpline(grid, smooth)(psi))
-
-
-def _close(legs: Limbs, qpos: Array, feet: tuple[Array, Array]) -> Array:
-    """Return the poses with both feet where they are to be."""
-    model, qpos = legs.model, qpos.copy()
-    state = legs.state(qpos)
-    point = legs.end_anchor
-    goal = legs.goal(state, feet[0], feet[1], point)
-    end = multiply(conjugate(state.base_quat), feet[1])
-    move = legs.close(state, goal, end)
-    for column, side in enumerate(_SIDES):
-        for part, dofs in (("hip", slice(0, 3)), ("knee", 3), ("ankle", slice(4, 7))):
-            address = int(model.joint(f"{side}_{part}").qposadr[0])
-            if part == "knee":
-                qpos[:, address] += move[:, column, dofs]
-            else:
-                quat = qpos[:, address : address + 4]
-                qpos[:, address : address + 4] = multiply(quat, exp(move[:, column, dofs]))
-    return qpos
 
 
 def _walk(model: mujoco.MjModel) -> Motion:

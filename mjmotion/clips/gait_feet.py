@@ -36,6 +36,29 @@ _SAMPLES = 96  # of a swing's shape
 _BLEND = (0.40, 0.30)  # shares of a swing in which it takes leave of the old stance, joins the new
 
 
+@dataclasses.dataclass(frozen=True)
+class Roll:
+    """How a foot comes down, rolls and leaves, and what it does apart from that in its swing.
+
+    Attributes:
+      flat, heel_off, toe_off: phases of a stance at which the sole is flat, the heel leaves and the
+        toe leaves [cycles].
+      strike: how far the toes are up at first touch; negative where the toes come down first [rad].
+      push: how far the heel is up as the toe leaves [rad].
+      clearance: of the sole in mid-swing, at least [m].
+    """
+
+    flat: float = FOOT_FLAT
+    heel_off: float = HEEL_OFF
+    toe_off: float = TOE_OFF
+    strike: float = STRIKE
+    push: float = PUSH
+    clearance: float = _CLEARANCE
+
+
+WALKING = Roll()
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class FootShape:
     """A foot, in its own frame with the ankle at the origin: heel and toe (x, z) [m]."""
@@ -50,12 +73,14 @@ def foot_shape(model: mujoco.MjModel, side: str) -> FootShape:
     return FootShape(np.array(heel), np.array(toe))
 
 
-def toe_off(steps: Steps) -> Array:
+def toe_off(steps: Steps, roll: Roll = WALKING) -> Array:
     """Return the phase (k,) of each stance at which the foot leaves: a slow step is a late one."""
-    return np.asarray(TOE_OFF + _LATER * (1.0 - steps.leaving))
+    return np.asarray(roll.toe_off + _LATER * (1.0 - steps.leaving))
 
 
-def stance(steps: Steps, index: NDArray[np.int64], psi: Array, shape: FootShape) -> Array:
+def stance(
+    steps: Steps, index: NDArray[np.int64], psi: Array, shape: FootShape, roll: Roll = WALKING
+) -> Array:
     """Return the foot in stances.
 
     Args:
@@ -63,6 +88,7 @@ def stance(steps: Steps, index: NDArray[np.int64], psi: Array, shape: FootShape)
       index: (n,) which stance.
       psi: (n,) phases; those a little outside of the stance continue its rolling.
       shape: the foot.
+      roll: how it rolls.
 
     Returns:
       (n, 5): ankle x, y, z [m], pitch (toes down positive) and yaw [rad].
@@ -71,13 +97,15 @@ def stance(steps: Steps, index: NDArray[np.int64], psi: Array, shape: FootShape)
     phase = psi - steps.strike[index]
     standing_in = (index == 0) & steps.first
     standing_out = (index == len(steps.strike) - 1) & steps.last
-    early = 1.0 - ease((phase + _EARLY) / (FOOT_FLAT + _EARLY))
-    landing = np.where(standing_in, 0.0, STRIKE * steps.landing[index] * early)
-    late = np.maximum((phase - HEEL_OFF) / (toe_off(steps)[index] - HEEL_OFF), 0.0) ** _RISE
+    early = 1.0 - ease((phase + _EARLY) / (roll.flat + _EARLY))
+    landing = np.where(standing_in, 0.0, roll.strike * steps.landing[index] * early)
+    leaves = toe_off(steps, roll)[index]
+    late = np.maximum((phase - roll.heel_off) / (leaves - roll.heel_off), 0.0) ** _RISE
     share = LEAST_PUSH + (1.0 - LEAST_PUSH) * steps.leaving[index]
-    push = np.where(standing_out, 0.0, PUSH * share * late)
+    push = np.where(standing_out, 0.0, roll.push * share * late)
     pitch = push - landing
-    pivot = np.where((phase < 0.5 * (FOOT_FLAT + HEEL_OFF))[:, None], shape.heel, shape.toe)
+    on_heel = (phase < 0.5 * (roll.flat + roll.heel_off)) & (roll.strike > 0.0)
+    pivot = np.where(on_heel[:, None], shape.heel, shape.toe)
     # The pivot stays; turned by pitch about y, (x, z) goes to (x cos + z sin, z cos - x sin).
     cosine, sine = np.cos(pitch), np.sin(pitch)
     along = pivot[:, 0] - (pivot[:, 0] * cosine + pivot[:, 1] * sine)
@@ -88,11 +116,13 @@ def stance(steps: Steps, index: NDArray[np.int64], psi: Array, shape: FootShape)
     return np.column_stack((x, y, up, pitch, yaw))
 
 
-def foot_motion(steps: Steps, psi: Array, shape: FootShape, swing: Swing) -> Array:
+def foot_motion(
+    steps: Steps, psi: Array, shape: FootShape, swing: Swing, roll: Roll = WALKING
+) -> Array:
     """Return the foot (n, 5) at phases (n,), as :func:`stance` does."""
     index = np.clip(np.searchsorted(steps.strike, psi, side="right") - 1, 0, None)
-    result = stance(steps, index, psi, shape)
-    leaves = steps.strike + toe_off(steps)
+    result = stance(steps, index, psi, shape, roll)
+    leaves = steps.strike + toe_off(steps, roll)
     flying = (psi > leaves[index]) & (index < len(steps.strike) - 1)
     if not flying.any():
         return result
@@ -100,12 +130,12 @@ def foot_motion(steps: Steps, psi: Array, shape: FootShape, swing: Swing) -> Arr
     begin, end = leaves[here], steps.strike[here + 1]
     span = (end - begin)[:, None]
     u = (psi[flying] - begin) / span[:, 0]
-    leave = _state(lambda at: stance(steps, here, at, shape), begin, _STEP, span)
-    join = _state(lambda at: stance(steps, here + 1, at, shape), end, _STEP, span)
+    leave = _state(lambda at: stance(steps, here, at, shape, roll), begin, _STEP, span)
+    join = _state(lambda at: stance(steps, here + 1, at, shape, roll), end, _STEP, span)
     leave[1][:, 2] += _TAKE_OFF * span[:, 0]
     join[1][:, 2] -= _TOUCH * span[:, 0]
     path = swing.between(leave, join)
-    lift = _lift(path, here, shape)
+    lift = _lift(path, here, shape, roll.clearance)
     result[flying] = path(u)
     result[flying, 2] += lift * _hump(u)
     return result
@@ -116,20 +146,23 @@ def _hump(u: Array) -> Array:
     return (4.0 * u * (1.0 - u)) ** 3
 
 
-def _lift(path: Callable[[Array], Array], step: NDArray[np.int64], shape: FootShape) -> Array:
+def _lift(
+    path: Callable[[Array], Array], step: NDArray[np.int64], shape: FootShape, clearance: float
+) -> Array:
     """Return how much higher (n,) swings must go for heel and toe to clear the ground [m].
 
     Args:
       path: the swings, for each of n frames.
       step: (n,) which swing a frame is of; frames of one swing come out the same.
       shape: the foot.
+      clearance: wanted [m].
     """
     most = np.zeros(len(step))
     for u in _LIFT_AT:
         foot = path(np.full(len(step), u))
         for x, z in (shape.heel, shape.toe):
             height = foot[:, 2] + z * np.cos(foot[:, 3]) - x * np.sin(foot[:, 3])
-            most = np.maximum(most, (_CLEARANCE - height) / _hump(u))
+            most = np.maximum(most, (clearance - height) / _hump(u))
     return most
 
 

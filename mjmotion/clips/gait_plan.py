@@ -182,7 +182,9 @@ class Steps:
     last: bool
 
 
-def plan_steps(path: Path, side: str, widths: tuple[float, float], toe_out: float) -> Steps:
+def plan_steps(
+    path: Path, side: str, widths: tuple[float, float], toe_out: float, middle: float = MIDDLE
+) -> Steps:
     """Return where a foot stands: under the path, half the width to its side.
 
     Args:
@@ -190,6 +192,7 @@ def plan_steps(path: Path, side: str, widths: tuple[float, float], toe_out: floa
       side: ``left`` or ``right``.
       widths: distance of the ankles' lines, standing and walking [m].
       toe_out: how far the feet point outward [rad].
+      middle: phase of a stance at which the pelvis passes over the foot [cycles].
     """
     sign, offset = (1.0, 0.0) if side == "left" else (-1.0, 0.5)
     low, high = path.begin - _MARGIN + 0.5, path.end + _MARGIN - 1.0
@@ -200,7 +203,7 @@ def plan_steps(path: Path, side: str, widths: tuple[float, float], toe_out: floa
     last = path.end - 1.0 + _STOP  # last heel strike of a stop
     if path.stops:
         strike = strike[strike <= last]
-    over = strike + MIDDLE
+    over = strike + middle
     if path.starts:
         over[0] = path.psi[0]
     if path.stops:

@@ -1,0 +1,90 @@
+"""The legs of the built-in gaits: how high the pelvis can be over the feet, and knees that fit."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.exceptions import ModelError
+from mjmotion.ik.limb import Limb, Limbs, find_limbs
+from mjmotion.rotations import conjugate, exp, multiply
+
+Array = NDArray[np.float64]
+
+SIDES = ("left", "right")
+
+
+def leg_of(model: mujoco.MjModel, side: str) -> Limb:
+    """Return a side's leg.
+
+    Raises:
+      ModelError: it is no ball, hinge, ball.
+    """
+    foot = int(model.joint(f"{side}_ankle").bodyid[0])
+    for limb in find_limbs(model):
+        if limb.end == foot:
+            return limb
+    raise ModelError(f"the built-in walk needs the humanoid: its {side} leg is no ball-hinge-ball")
+
+
+def knee_room(legs: Limbs, qpos: Array, feet: tuple[Array, Array], knee: float) -> Array:
+    """Return how far (n,) the pelvis can rise before a knee is straighter than ``knee`` [m].
+
+    Args:
+      legs: both legs.
+      qpos: (n, nq) poses; of the legs, only where they hang counts.
+      feet: ankles (n, 2, 3) [m] and orientations (n, 2, 4) of both feet.
+      knee: [rad].
+    """
+    hip, _ = legs.bases(qpos)
+    thigh, shank = (
+        np.linalg.norm(legs.model.body_pos[[getattr(leg, part) for leg in legs.limbs]], axis=1)
+        for part in ("lower", "end")
+    )
+    bent = thigh**2 + shank**2 + 2.0 * thigh * shank * np.cos(knee)
+    flat = ((feet[0] - hip)[..., :2] ** 2).sum(axis=-1)
+    highest = feet[0][..., 2] + np.sqrt(np.maximum(bent - flat, 0.01))
+    return np.asarray((highest - hip[..., 2]).min(axis=1))
+
+
+def pelvis_height(grid: Array, room: Array, psi: Array, near: int) -> Array:
+    """Return a smooth height (n,) at phases ``psi`` that is nowhere over ``room`` [m].
+
+    Args:
+      grid: (m,) evenly spaced phases [cycles].
+      room: (m,) most height there [m].
+      psi: (n,) phases wanted.
+      near: the pelvis keeps its height for this long about its lowest [samples of the grid].
+    """
+    from scipy.interpolate import CubicSpline
+    from scipy.ndimage import gaussian_filter1d, minimum_filter1d
+
+    low = minimum_filter1d(room, 2 * near + 1, mode="nearest")
+    smooth = gaussian_filter1d(low, near / 3.0, mode="nearest", truncate=3.0)
+    return np.asarray(CubicSpline(grid, smooth)(psi))
+
+
+def close_legs(legs: Limbs, qpos: Array, feet: tuple[Array, Array]) -> Array:
+    """Return the poses (n, nq) with both feet where they are to be.
+
+    Args:
+      legs: left and right.
+      qpos: (n, nq) poses.
+      feet: ankles (n, 2, 3) [m] and orientations (n, 2, 4).
+    """
+    model, qpos = legs.model, qpos.copy()
+    state = legs.state(qpos)
+    point = legs.end_anchor
+    goal = legs.goal(state, feet[0], feet[1], point)
+    end = multiply(conjugate(state.base_quat), feet[1])
+    move = legs.close(state, goal, end)
+    for column, side in enumerate(SIDES):
+        for part, dofs in (("hip", slice(0, 3)), ("knee", 3), ("ankle", slice(4, 7))):
+            address = int(model.joint(f"{side}_{part}").qposadr[0])
+            if part == "knee":
+                qpos[:, address] += move[:, column, dofs]
+            else:
+                quat = qpos[:, address : address + 4]
+                qpos[:, address : address + 4] = multiply(quat, exp(move[:, column, dofs]))
+    return qpos
