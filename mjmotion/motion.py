@@ -19,6 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.exceptions import ClipError, ModelError, frame_list
 
+_ROUNDING = 1e-15  # by how much a normalised quaternion's length may differ from 1
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Motion:
@@ -60,6 +62,9 @@ class Motion:
         bad = np.flatnonzero((norm < 1e-6).any(axis=1))
         if len(bad):
             raise ClipError(f"a quaternion is zero at frames {frame_list(bad)}", bad)
+        # What is of unit length but for rounding stays to the bit: frames that no edit touches are
+        # those they were, however often they are copied and saved.
+        norm[np.abs(norm - 1.0) < _ROUNDING] = 1.0
         qpos[:, columns] = quats / norm[..., None]
         qpos.flags.writeable = False
         object.__setattr__(self, "qpos", qpos)
