@@ -3,6 +3,7 @@
     with result_folder("out/walk") as folder:        # a folder aside, renamed when all went well
         write_results(folder, adaptation, validation)
     results = read_results("out/walk")               # model, source, motion, contacts, report
+    motion, contacts, character = read_motion("out/walk")  # or a file, or a built-in name
 
 | file | what it holds |
 |---|---|
@@ -22,10 +23,12 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
 
+from mjmotion.assets import find_asset
+from mjmotion.clips import load_clip
 from mjmotion.contacts import Contact, load_contacts, save_contacts
 from mjmotion.exceptions import MotionError, OutputError, RenderError
 from mjmotion.motion import Motion
@@ -228,6 +231,52 @@ def read_results(folder: str | Path) -> Results:
         )
     contacts = load_contacts(folder / CONTACTS, model, motion.nframe)
     return Results(folder, model, source, motion, contacts, read_report(folder))
+
+
+class Given(NamedTuple):
+    """A motion as a user names one.
+
+    Attributes:
+      motion: on the character's model; on character and scene in one for a result folder.
+      contacts: those of a result folder; None where nobody has said who stands when.
+      character: the MJCF file of that model; see :func:`mjmotion.scene.with_ground`.
+    """
+
+    motion: Motion
+    contacts: tuple[Contact, ...] | None
+    character: Path
+
+
+def read_motion(
+    what: str | Path,
+    character: str | Path | None = None,
+    *,
+    mapping: str | Path | None = None,
+    fps: float | None = None,
+) -> Given:
+    """Return a motion that a user named: a file, a built-in clip, or a result folder.
+
+    Args:
+      what: BVH, AMC, CSV or NPZ file, built-in name, or folder (its ``motion.npz``).
+      character: MJCF file or name of a model that a file's frames are for; ours without.
+      mapping: for a recording: which of its joints is which.
+      fps: rate of a clip in place of its file's own.
+
+    Raises:
+      ClipError: no such file or name, a damaged file, a skeleton that cannot be mapped.
+      ModelError: no such character.
+      MotionError: a folder without results, or one together with what is for files only.
+    """
+    path = Path(what)
+    if path.is_dir():
+        for option, value in (("character", character), ("mapping", mapping), ("fps", fps)):
+            if value is not None:
+                raise MotionError(f"'{path}' is a result folder and has its own {option}: leave it")
+        results = read_results(path)
+        return Given(results.motion, results.contacts, path / MODEL)
+    file = find_asset("model", character or "humanoid")
+    motion = load_clip(what, load_model(file), mapping=mapping, fps=fps)
+    return Given(motion, None, file)
 
 
 def load_model(path: str | Path) -> mujoco.MjModel:

@@ -12,7 +12,7 @@ from mjmotion.scene.builders import (
     stairs,
     terrain,
 )
-from mjmotion.scene.model import START_SITE, Scene, compose, load_scene
+from mjmotion.scene.model import START_SITE, Scene, compose, load_scene, with_ground
 from mjmotion.scene.save import save_model
 
 __all__ = [
@@ -31,4 +31,5 @@ __all__ = [
     "slope",
     "stairs",
     "terrain",
+    "with_ground",
 ]

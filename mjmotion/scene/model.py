@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from mjmotion.assets import find_asset
 from mjmotion.exceptions import ModelError, MotionError, SceneError
+from mjmotion.kinematics import character_geoms
 from mjmotion.motion import check_free_root
 
 START_SITE = "start"
@@ -122,6 +123,23 @@ def compose(character: str | Path, scene: Scene) -> mujoco.MjSpec:
     except (ValueError, mujoco.FatalError) as error:
         raise _clash(error, scene.name) from error
     return spec
+
+
+def with_ground(character: str | Path) -> mujoco.MjSpec:
+    """Return a character with the ground that its file has, or else on our level floor.
+
+    Args:
+      character: name of one of our models, or an MJCF with a free root: a character alone, or one
+        in its scene such as the ``model.xml`` of a result folder.
+
+    Raises:
+      ModelError: the character does not exist, does not compile, or has no free root.
+    """
+    spec = _load_character(character)
+    model = spec.compile()
+    if len(character_geoms(model)) < model.ngeom:
+        return spec
+    return compose(character, load_scene("flat"))
 
 
 def first_line(error: BaseException) -> str:
