@@ -20,6 +20,7 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from mjmotion.bones import Bones
 from mjmotion.exceptions import ModelError, unknown_name
 from mjmotion.rotations import cross, exp, multiply, rotate
 from mjmotion.shapes import geom_points
@@ -200,11 +201,15 @@ def body_dofs(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
     return moves
 
 
-def body_pose(model: mujoco.MjModel, qpos: Array, body: int) -> tuple[Array, Array]:
+def body_pose(
+    model: mujoco.MjModel, qpos: Array, body: int, bones: Bones | None = None
+) -> tuple[Array, Array]:
     """Return the world position (n, 3) and orientation (n, 4) of one body in every frame.
 
-    Only the joints between the world and the body are visited, which for the pelvis is one.
+    Only the joints between the world and the body are visited, which for the pelvis is one. Bones
+    of their own are those of the same ``n`` frames.
     """
+    bones = Bones.of(model) if bones is None else bones
     path = []
     while body > 0:
         path.append(body)
@@ -213,17 +218,20 @@ def body_pose(model: mujoco.MjModel, qpos: Array, body: int) -> tuple[Array, Arr
     position = np.zeros((count, 3))
     quat = np.tile((1.0, 0.0, 0.0, 0.0), (count, 1))
     for link in reversed(path):
-        position = position + rotate(quat, np.broadcast_to(model.body_pos[link], (count, 3)))
+        position = position + rotate(
+            quat, np.broadcast_to(bones.body_pos[..., link, :], (count, 3))
+        )
         if not np.array_equal(model.body_quat[link], (1.0, 0.0, 0.0, 0.0)):
             quat = multiply(quat, np.broadcast_to(model.body_quat[link], (count, 4)))
         first = model.body_jntadr[link]
         for joint in range(first, first + model.body_jntnum[link]):
-            position, quat = _apply_joint(model, qpos, joint, position, quat)
+            pivot = bones.jnt_pos[..., joint, :]
+            position, quat = _apply_joint(model, qpos, joint, pivot, position, quat)
     return position, quat
 
 
 def _apply_joint(
-    model: mujoco.MjModel, qpos: Array, joint: int, position: Array, quat: Array
+    model: mujoco.MjModel, qpos: Array, joint: int, pivot: Array, position: Array, quat: Array
 ) -> tuple[Array, Array]:
     address, kind = model.jnt_qposadr[joint], model.jnt_type[joint]
     if kind == mujoco.mjtJoint.mjJNT_FREE:
@@ -237,22 +245,27 @@ def _apply_joint(
         angle = (qpos[:, address] - model.qpos0[address])[:, None]
         turn = exp(angle * model.jnt_axis[joint])
     turned = multiply(quat, turn)
-    if np.any(model.jnt_pos[joint]):
-        pivot = np.broadcast_to(model.jnt_pos[joint], position.shape)
+    if np.any(pivot):
+        pivot = np.broadcast_to(pivot, position.shape)
         position = position + rotate(quat, pivot) - rotate(turned, pivot)
     return position, turned
 
 
-def site_positions(model: mujoco.MjModel, qpos: Array, sites: NDArray[np.int64]) -> Array:
+def site_positions(
+    model: mujoco.MjModel, qpos: Array, sites: NDArray[np.int64], bones: Bones | None = None
+) -> Array:
     """Return the world positions (n, s, 3) [m] of a few sites.
 
-    Cheaper than :meth:`Kinematics.forward` while the sites are on few bodies.
+    Cheaper than :meth:`Kinematics.forward` while the sites are on few bodies. Bones of their own
+    are those of the same ``n`` frames.
     """
-    poses = {int(body): body_pose(model, qpos, int(body)) for body in model.site_bodyid[sites]}
+    bones = Bones.of(model) if bones is None else bones
+    bodies = set(model.site_bodyid[sites].tolist())
+    poses = {body: body_pose(model, qpos, body, bones) for body in bodies}
     return np.stack(
         [
             poses[int(model.site_bodyid[site])][0]
-            + rotate(poses[int(model.site_bodyid[site])][1], model.site_pos[site])
+            + rotate(poses[int(model.site_bodyid[site])][1], bones.site_pos[..., site, :])
             for site in sites
         ],
         axis=1,
@@ -262,12 +275,20 @@ def site_positions(model: mujoco.MjModel, qpos: Array, sites: NDArray[np.int64])
 class Kinematics:
     """Forward kinematics of ``nframe`` frames of one model, on all cores.
 
-    The model is copied with collisions, limits and sensors off: only positions are wanted.
+    The model is copied with collisions, limits and sensors off: only positions are wanted. With
+    ``bones`` that change, every frame gets a body of its own.
     """
 
     _FIELDS = ("xpos", "xquat", "xmat", "site_xpos", "site_xmat", "xanchor", "xaxis")
 
-    def __init__(self, model: mujoco.MjModel, nframe: int, *, geoms: bool = False) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        nframe: int,
+        *,
+        geoms: bool = False,
+        bones: Bones | None = None,
+    ) -> None:
         self.model = model
         self.nframe = nframe
         bare = copy.copy(model)
@@ -276,6 +297,10 @@ class Kinematics:
             flags.mjDSBL_CONTACT | flags.mjDSBL_CONSTRAINT | flags.mjDSBL_SENSOR
         )
         self._batch = Batch(bare, nframe)
+        if bones is not None:
+            bones.check(model, nframe)
+            for field in dataclasses.fields(bones):
+                self._batch.expand(field.name)[:] = getattr(bones, field.name)
         self._qpos = self._batch.bind("qpos")
         names = self._FIELDS + (("geom_xpos", "geom_xmat") if geoms else ())
         self._bound = {name: self._batch.bind(name) for name in names}

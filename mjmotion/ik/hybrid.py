@@ -25,7 +25,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.bones import Bones
 from mjmotion.constraints import Targets
+from mjmotion.coupling import Coupling, coupling
 from mjmotion.ik.limb import Limb, Limbs, LimbState, find_limbs, limbs_of
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import Clearance, Solution, default_weights
@@ -56,12 +58,19 @@ class HybridIK:
     Args:
       model: a MuJoCo model with a free root and limbs (:func:`mjmotion.ik.limb.find_limbs`).
       weights: (nv,) rigidity α of Eq. 4.
+      bones: a body for each frame of the motion, where it changes.
     """
 
-    def __init__(self, model: mujoco.MjModel, weights: Array | None = None) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        weights: Array | None = None,
+        bones: Bones | None = None,
+    ) -> None:
         self.model = model
         self.weights = default_weights(model) if weights is None else np.asarray(weights)
-        self._numeric = NumericIK(model, self.weights)
+        self.bones = Bones.of(model) if bones is None else bones
+        self._numeric = NumericIK(model, self.weights, bones=bones)
         self._ends = {limb.end: limb for limb in find_limbs(model)}
         self._kept: _Reduced | None = None
         self._fixed: tuple[Targets, Array] | None = None
@@ -83,7 +92,7 @@ class HybridIK:
                 self._kept = self._reduce(qpos, limbs, state, closable)
             base = self._kept.base
             body, step = self._body_step(limbs, self._kept, d0, goal)
-            displacement[:, base.dofs] = body
+            displacement[:, base.dofs] = base.spread(body)
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
         if inequalities is not None:
             other = other.copy()
@@ -116,7 +125,8 @@ class HybridIK:
 
         A site is closable when it is on a limb's end and no site before it is on the same end.
         """
-        key = targets.sites.tobytes()
+        changing = self.bones.nframe is not None
+        key = targets.sites.tobytes() + (targets.frames.tobytes() if changing else b"")
         if self._plan is None or self._plan[0] != key:
             limbs: list[Limb] = []
             closable = np.zeros(len(targets.sites), dtype=bool)
@@ -125,12 +135,17 @@ class HybridIK:
                 if limb is not None and limb not in limbs:
                     limbs.append(limb)
                     closable[column] = True
-            self._plan = (key, limbs_of(self.model, tuple(limbs)) if limbs else None, closable)
+            made = None
+            if limbs and changing:
+                made = Limbs(self.model, limbs, self.bones.at(targets.frames))
+            elif limbs:
+                made = limbs_of(self.model, tuple(limbs))
+            self._plan = (key, made, closable)
         _, found, closable = self._plan
-        if closable.all():
+        if closable.all() and not (targets.links or targets.gazes):
             return found, targets, np.zeros(len(targets.frames), dtype=bool)
         weight = np.maximum(targets.position_weight, targets.turn_weight)
-        other = np.asarray((weight[:, ~closable] > 0.0).any(axis=1))
+        other = (weight[:, ~closable] > 0.0).any(axis=1) | targets.other
         return found, targets.columns(closable), other
 
     def _goals(
@@ -140,7 +155,7 @@ class HybridIK:
 
         What is not held stays as it is: the orientation of the end, or the place of the site.
         """
-        point = self.model.site_pos[targets.sites] - limbs.end_anchor
+        point = limbs.bones.site_pos[..., targets.sites, :] - limbs.end_anchor
         to_base = conjugate(state.base_quat)
         arm = state.ankle + rotate(state.end, point)
         held = targets.position_weight
@@ -169,10 +184,10 @@ class HybridIK:
 
         A swivel couples its own limb only: each column of T keeps just what no swivel makes up for.
         """
-        base = _Base(self.model, limbs, qpos, state)
+        base = _Base(self.model, limbs, qpos, state, self.weights)
         moving, turning, swivel = limbs.closure(state)
         turn, move = base.twist(state.ankle)
-        follow = np.empty((len(qpos), len(base.dofs), *swivel.shape[1:]))
+        follow = np.empty((len(qpos), len(base.weights), *swivel.shape[1:]))
         by_limb = follow.swapaxes(1, 2)
         np.matmul(move, np.swapaxes(moving, 2, 3), out=by_limb)
         by_limb[..., 4:] += turn @ np.swapaxes(turning, 2, 3)
@@ -181,10 +196,10 @@ class HybridIK:
         swivel = swivel / np.maximum(norm(swivel), 1e-9)[..., None]
         follow *= root
         follow -= np.einsum("nbkd,nkd->nbk", follow, swivel)[..., None] * swivel[:, None]
-        rows = follow.reshape(len(follow), len(base.dofs), -1)
+        rows = follow.reshape(len(follow), len(base.weights), -1)
         matrix = rows @ rows.swapaxes(1, 2)
-        index = np.arange(len(base.dofs))
-        matrix[:, index, index] += self.weights[base.dofs]
+        index = np.arange(len(base.weights))
+        matrix[:, index, index] += base.weights
         return _Reduced(targets, base, swivel, rows, matrix, root)
 
     def _body_step(
@@ -215,7 +230,8 @@ class HybridIK:
         """Add the penalty on limbs that are too short for their goals to the normal equations."""
         rows = np.flatnonzero(far.any(axis=1))
         length = norm(goal[rows])
-        over = np.where(far[rows], length - REACH_SHARE * limbs.reach, 0.0)
+        reach = np.broadcast_to(limbs.reach, far.shape)[rows]
+        over = np.where(far[rows], length - REACH_SHARE * reach, 0.0)
         line = goal[rows] / length[..., None]
         pull = (base.twist(np.zeros_like(line), rows)[1] @ line[..., None])[..., 0]
         pull = pull * (REACH_PENALTY**0.5 * far[rows])[..., None]
@@ -238,15 +254,18 @@ class _Reduced:
 def _rise(limbs: Limbs, state: LimbState, goal: Array) -> Array:
     """How far the root would have to go up (n,) [m] for every limb to reach; down is negative."""
     rise = np.zeros(len(goal))
-    square, reach, fold = dot(goal, goal), REACH_SHARE * limbs.reach, FOLD_SHARE * limbs.fold
+    square = dot(goal, goal)
+    reach = np.broadcast_to(REACH_SHARE * limbs.reach, square.shape)
+    fold = np.broadcast_to(FOLD_SHARE * limbs.fold, square.shape)
     far = square > reach * reach
     rows, which = np.nonzero(far | (square < fold * fold))
     if len(rows):
         base_quat = np.broadcast_to(state.base_quat, (*goal.shape[:2], 4))
         apart = rotate(base_quat[rows, which], goal[rows, which])
         flat = apart[:, 0] ** 2 + apart[:, 1] ** 2
-        length = np.where(far[rows, which], reach[which], fold[which])
-        wanted = np.sqrt(np.maximum(length**2 - flat, (0.5 * reach[which]) ** 2 * far[rows, which]))
+        beyond, longest = far[rows, which], reach[rows, which]
+        length = np.where(beyond, longest, fold[rows, which])
+        wanted = np.sqrt(np.maximum(length**2 - flat, (0.5 * longest) ** 2 * beyond))
         short = np.abs(apart[:, 2]) - wanted
         order = np.argsort(np.abs(short))  # the limb that is furthest off decides
         rise[rows[order]] = (np.sign(apart[:, 2]) * short)[order]
@@ -257,13 +276,22 @@ class _Base:
     """Degrees of freedom between the world and the limbs' bases, in the bases' own frames.
 
     Attributes:
-      dofs: (nbase,) the degrees of freedom.
+      dofs: (m,) the degrees of freedom.
+      weights: (nbase,) rigidity of each parameter: as many, less those that follow others (§4.2).
     """
 
-    def __init__(self, model: mujoco.MjModel, limbs: Limbs, qpos: Array, state: LimbState) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        limbs: Limbs,
+        qpos: Array,
+        state: LimbState,
+        weights: Array,
+    ) -> None:
         # (nlimb, nbase) which of them carry which limb
         carried = np.stack([body_dofs(model, limb.base) for limb in limbs.limbs])
         self.dofs = np.flatnonzero(carried.any(axis=0))
+        self._fold, self.weights = _fold(coupling(model), self.dofs, weights)
         self._moves = None if carried[:, self.dofs].all() else carried[:, self.dofs]
         frame = to_matrix(state.base_quat)
         count = len(self.dofs)
@@ -275,7 +303,8 @@ class _Base:
         while column < count:
             joint = int(model.dof_jntid[self.dofs[column]])
             body = int(model.jnt_bodyid[joint])
-            position, quat = body_pose(model, qpos, body)
+            position, quat = body_pose(model, qpos, body, limbs.bones)
+            pivot = limbs.bones.jnt_pos[..., joint, :]
             kind = mujoco.mjtJoint(int(model.jnt_type[joint]))
             own = all(limb.base == body for limb in limbs.limbs)
             if kind == mujoco.mjtJoint.mjJNT_FREE:
@@ -291,10 +320,10 @@ class _Base:
                 self._turning[column] = kind == mujoco.mjtJoint.mjJNT_HINGE
             columns = slice(column, column + width)
             if self._turning[column]:
-                if own and not np.any(model.jnt_pos[joint]):
-                    arm = limbs.hip_pos[:, None]  # the base turns about its own origin
+                if own and not np.any(pivot):
+                    arm = limbs.hip_pos[..., None, :]  # the base turns about its own origin
                 else:
-                    anchor = position + rotate(quat, np.broadcast_to(model.jnt_pos[joint], (3,)))
+                    anchor = position + rotate(quat, np.broadcast_to(pivot, position.shape))
                     arm = (state.hip - anchor[:, None])[:, :, None] @ frame
                 self._turn[:, :, columns], self._arm[:, :, columns] = axis, arm
             else:
@@ -310,7 +339,34 @@ class _Base:
         chosen = slice(None) if rows is None else rows
         turn = self._turn[chosen]
         move = cross(turn, self._arm[chosen] + point[:, :, None]) + self._move[chosen]
-        if self._moves is None:
+        if self._moves is not None:
+            moves = self._moves[None, :, :, None]
+            turn, move = turn * moves, move * moves
+        if self._fold is None:
             return turn, move
-        moves = self._moves[None, :, :, None]
-        return turn * moves, move * moves
+        fold = self._fold.T
+        return fold @ np.broadcast_to(turn, move.shape), fold @ move
+
+    def spread(self, parameters: Array) -> Array:
+        """Return displacements (n, m) of :attr:`dofs` for parameters (n, nbase)."""
+        return parameters if self._fold is None else parameters @ self._fold.T
+
+
+def _fold(coupled: Coupling, dofs: NDArray[np.int64], weights: Array) -> tuple[Array | None, Array]:
+    """Return what each parameter does to ``dofs`` (m, nbase), and the parameters' weights.
+
+    None stands for the identity: no degree of freedom follows another.
+    """
+    inside = np.isin(coupled.follower, dofs)
+    if not inside.any():
+        return None, weights[dofs]
+    fold = np.eye(len(dofs))
+    place = {int(dof): index for index, dof in enumerate(dofs)}
+    following = []
+    for row in np.flatnonzero(inside):
+        leader, follower = place[int(coupled.leader[row])], place[int(coupled.follower[row])]
+        fold[follower] = 0.0
+        fold[follower, leader] = coupled.ratio[row]
+        following.append(follower)
+    fold = np.delete(fold, following, axis=1)
+    return fold, fold.T**2 @ weights[dofs]

@@ -23,6 +23,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.bones import Bones
 from mjmotion.kinematics import body_pose
 from mjmotion.rotations import (
     between,
@@ -111,11 +112,17 @@ class Limbs:
     Args:
       model: the MuJoCo model.
       limbs: which of :func:`find_limbs`.
+      bones: how long they are, where that is not the model's own: one body for all frames, or one a
+        frame, in the order of the poses that the methods are given.
     """
 
-    def __init__(self, model: mujoco.MjModel, limbs: Sequence[Limb]) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, limbs: Sequence[Limb], bones: Bones | None = None
+    ) -> None:
         self.model = model
         self.limbs = tuple(limbs)
+        self.bones = Bones.of(model) if bones is None else bones
+        body_pos, jnt_pos = self.bones.body_pos, self.bones.jnt_pos
         joints = [[model.body_jntadr[b] for b in (x.upper, x.lower, x.end)] for x in limbs]
         hip, knee, ankle = np.array(joints, dtype=np.int64).reshape(-1, 3).T
         self._qposadr = tuple(model.jnt_qposadr[joint] for joint in (hip, knee, ankle))
@@ -131,28 +138,30 @@ class Limbs:
         upper = np.array([x.upper for x in limbs])
         lower = np.array([x.lower for x in limbs])
         end = np.array([x.end for x in limbs])
-        self._hip_pos = model.body_pos[upper] + rotate(model.body_quat[upper], model.jnt_pos[hip])
+        self._hip_pos = body_pos[..., upper, :] + rotate(
+            model.body_quat[upper], jnt_pos[..., hip, :]
+        )
         self._upper0 = _unless_identity(model.body_quat[upper])
         self._end0 = _unless_identity(multiply(model.body_quat[lower], model.body_quat[end]))
-        self.end_anchor = model.jnt_pos[ankle]
+        self.end_anchor = jnt_pos[..., ankle, :]
         self._axis = rotate(model.body_quat[lower], model.jnt_axis[knee])
         self._v1 = (
-            model.body_pos[lower]
-            + rotate(model.body_quat[lower], model.jnt_pos[knee])
-            - model.jnt_pos[hip]
+            body_pos[..., lower, :]
+            + rotate(model.body_quat[lower], jnt_pos[..., knee, :])
+            - jnt_pos[..., hip, :]
         )
         v2 = rotate(
             model.body_quat[lower],
-            model.body_pos[end]
-            + rotate(model.body_quat[end], model.jnt_pos[ankle])
-            - model.jnt_pos[knee],
+            body_pos[..., end, :]
+            + rotate(model.body_quat[end], jnt_pos[..., ankle, :])
+            - jnt_pos[..., knee, :],
         )
         along1, along2 = dot(self._v1, self._axis), dot(v2, self._axis)
-        flat1 = self._v1 - along1[:, None] * self._axis
-        flat2 = v2 - along2[:, None] * self._axis
+        flat1 = self._v1 - along1[..., None] * self._axis
+        flat2 = v2 - along2[..., None] * self._axis
         # v2 turned by θ about the axis is fixed + cos θ flat + sin θ side
         self._fixed, self._flat, self._side = v2 - flat2, flat2, cross(self._axis, flat2)
-        self._r1r2 = np.linalg.norm(flat1, axis=1) * np.linalg.norm(flat2, axis=1)
+        self._r1r2 = norm(flat1) * norm(flat2)
         self._constant = dot(self._v1, self._v1) + dot(v2, v2) + 2.0 * along1 * along2
         self._angle0 = np.arctan2(dot(self._axis, cross(flat1, flat2)), dot(flat1, flat2))
         self._knee_ref = model.qpos0[self._qposadr[1]]
@@ -168,19 +177,19 @@ class Limbs:
 
     @property
     def hip_pos(self) -> Array:
-        """(nlimb, 3) the hips in their bases' frames [m]."""
+        """(nlimb, 3) or (n, nlimb, 3) the hips in their bases' frames [m]."""
         return self._hip_pos
 
     @property
     def reach(self) -> Array:
-        """(nlimb,) the longest hip–ankle distance that the knee's range allows [m]."""
+        """(…, nlimb) the longest hip–ankle distance that the knee's range allows [m]."""
         straight = np.clip(-self._angle0, *self._range)
         square = self._constant + 2.0 * self._r1r2 * np.cos(straight + self._angle0)
         return np.asarray(np.sqrt(square))
 
     @property
     def fold(self) -> Array:
-        """(nlimb,) the shortest hip–ankle distance that the knee's range allows [m]."""
+        """(…, nlimb) the shortest hip–ankle distance that the knee's range allows [m]."""
         ends = np.stack([np.cos(bound + self._angle0) for bound in self._range])
         square = self._constant + 2.0 * self._r1r2 * ends.min(axis=0)
         return np.asarray(np.sqrt(np.maximum(square, 0.0)))
@@ -191,7 +200,7 @@ class Limbs:
         The orientations are (n, nlimb, 4), or (n, 1, 4) where all limbs hang from one body.
         """
         bodies = list(dict.fromkeys(limb.base for limb in self.limbs))
-        poses = {body: body_pose(self.model, qpos, body) for body in bodies}
+        poses = {body: body_pose(self.model, qpos, body, self.bones) for body in bodies}
         carrying = bodies if len(bodies) == 1 else [limb.base for limb in self.limbs]
         position, quat = (
             np.stack([poses[body][part] for body in carrying], axis=1) for part in (0, 1)

@@ -20,16 +20,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion import limits
-from mjmotion.constraints import Targets
+from mjmotion.bones import Bones
+from mjmotion.constraints import Gaze, Link, Targets
+from mjmotion.coupling import couple, coupling
 from mjmotion.ik.solver import (
     Clearance,
     Inequalities,
     Solution,
     default_weights,
+    link_position,
     position_error,
 )
 from mjmotion.kinematics import Kinematics, Pose, body_dofs
-from mjmotion.rotations import from_matrix, log
+from mjmotion.rotations import cross, from_matrix, log, to_matrix
 from mjmotion.tangent import ominus, oplus
 
 Array = NDArray[np.float64]
@@ -49,30 +52,47 @@ class NumericIK:
       model: any MuJoCo model with a free root.
       weights: (nv,) rigidity α of Eq. 4; :func:`default_weights` without.
       iterations: Gauss–Newton steps a solve.
+      bones: a body for each frame of the motion, where it changes.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, weights: Array | None = None, iterations: int = 2
+        self,
+        model: mujoco.MjModel,
+        weights: Array | None = None,
+        iterations: int = 2,
+        bones: Bones | None = None,
     ) -> None:
         self.model = model
         self.weights = default_weights(model) if weights is None else np.asarray(weights)
         self.iterations = iterations
+        self.bones = bones
+        self._coupling = coupling(model)
         self._kinematics: Kinematics | None = None
 
     def solve(
         self, qpos: Array, targets: Targets, inequalities: Clearance | None = None
     ) -> Solution:
         """Return the least displacements towards ``targets``; see :class:`IKSolver`."""
-        freedom = np.broadcast_to(1.0 / self.weights, (len(qpos), self.model.nv))
+        freedom = np.broadcast_to(self._freedom(), (len(qpos), self.model.nv))
         return self._descend(qpos, targets, inequalities, freedom, self.iterations)
 
     def enforce(self, qpos: Array, targets: Targets) -> Solution:
         """Return displacements that meet ``targets`` with the root nearly still (§4.4)."""
-        freedom = np.array(np.broadcast_to(1.0 / self.weights, (len(qpos), self.model.nv)))
+        freedom = np.array(np.broadcast_to(self._freedom(), (len(qpos), self.model.nv)))
         freedom[:, :6] *= 1e-3
         return self._descend(qpos, targets, None, freedom, self.iterations + 4)
 
-    def _pose(self, qpos: Array) -> Pose:
+    def _freedom(self) -> Array:
+        """Inverse rigidity (nv,); joints that follow others have none of their own."""
+        freedom = 1.0 / self._coupling.weights(self.weights)
+        freedom[self._coupling.follower] = 0.0
+        return np.asarray(freedom)
+
+    def _pose(self, qpos: Array, frames: NDArray[np.int64]) -> Pose:
+        if self.bones is not None and self.bones.nframe is not None:
+            if self._kinematics is None:
+                self._kinematics = Kinematics(self.model, self.bones.nframe, bones=self.bones)
+            return self._kinematics.forward(qpos, frames)
         if self._kinematics is None or self._kinematics.nframe < len(qpos):
             self._kinematics = Kinematics(self.model, len(qpos))
         rows = None if self._kinematics.nframe == len(qpos) else np.arange(len(qpos))
@@ -92,9 +112,9 @@ class NumericIK:
         moved = qpos
         kept = _Kept(np.empty(0, np.int64), np.empty((0, self.model.nv)), np.empty(0))
         for iteration in range(iterations):
-            pose = self._pose(moved)
+            pose = self._pose(moved, targets.frames)
             if iteration == 0:
-                first_error = position_error(pose.site_xpos[:, targets.sites], targets)
+                first_error = position_error(pose, targets)
             jacobian, error, compliance = self._equalities(pose, targets, dofs)
             step, _ = least_deviation(
                 jacobian, error, compliance, freedom[:, dofs], displacement[:, dofs]
@@ -113,6 +133,8 @@ class NumericIK:
             size = np.max(np.abs(change), axis=1, initial=0.0)
             change *= np.minimum(1.0, STEP_LIMIT / np.maximum(size, 1e-12))[:, None]
             displacement[:, dofs] += change
+            if self._coupling:
+                displacement = self._coupling.spread(displacement)
             moved, displacement, freedom = self._within_limits(qpos, displacement, freedom)
         return Solution(displacement, first_error)
 
@@ -121,7 +143,8 @@ class NumericIK:
         if everything:
             return np.arange(self.model.nv)
         moves = np.zeros(self.model.nv, dtype=bool)
-        for site in targets.sites:
+        sites = [*targets.sites, *(site for link in targets.links for site in (link.site, link.to))]
+        for site in [*sites, *(gaze.site for gaze in targets.gazes)]:
             moves |= body_dofs(self.model, int(self.model.site_bodyid[site]))
         return np.flatnonzero(moves)
 
@@ -143,17 +166,72 @@ class NumericIK:
                 jacobians.append(jacr)
                 errors.append(log(from_matrix(turn)))
                 weights.append(np.repeat(targets.turn_weight[:, column, None], 3, axis=1))
+        more = [self._link_rows(pose, link, dofs) for link in targets.links]
+        more += [self._gaze_rows(pose, gaze, dofs) for gaze in targets.gazes]
+        for rows, error, held in more:
+            jacobians.append(rows)
+            errors.append(error)
+            weights.append(held)
         if not jacobians:
             shape = (len(pose.xpos), 0)
             return np.zeros((*shape, len(dofs))), np.zeros(shape), np.zeros(shape)
         weight = np.concatenate(weights, axis=1)
         present = weight > 0.0
         compliance = np.where(present, _SOFT * (1.0 / np.maximum(weight, 1e-6) - 1.0), 1.0)
+        jacobian = np.concatenate(jacobians, axis=1)
+        if self._coupling:
+            whole = np.zeros((*jacobian.shape[:2], self.model.nv))
+            whole[..., dofs] = jacobian
+            jacobian = self._coupling.gather(whole)[..., dofs]
         return (
-            np.concatenate(jacobians, axis=1) * present[..., None],
+            jacobian * present[..., None],
             np.concatenate(errors, axis=1) * present,
             compliance,
         )
+
+    def _link_rows(
+        self, pose: Pose, link: Link, dofs: NDArray[np.int64]
+    ) -> tuple[Array, Array, Array]:
+        """Rows (n, 6, k) that hold one site in the frame of another, errors and weights (n, 6)."""
+        model = self.model
+        wanted = link_position(pose, link)
+        jacp, jacr = pose.jacobian(
+            pose.site_xpos[:, link.site], int(model.site_bodyid[link.site]), dofs
+        )
+        # The wanted place moves with the body it belongs to.
+        top, tor = pose.jacobian(wanted, int(model.site_bodyid[link.to]), dofs)
+        turned = pose.site_xmat[:, link.to] @ to_matrix(link.quat)
+        turn = turned @ np.swapaxes(pose.site_xmat[:, link.site], 1, 2)
+        held = np.repeat(np.stack((link.position_weight, link.turn_weight), axis=1), 3, axis=1)
+        gap = wanted - pose.site_xpos[:, link.site]
+        return (
+            np.concatenate((jacp - top, jacr - tor), axis=1),
+            np.concatenate((gap, log(from_matrix(turn))), axis=1),
+            held,
+        )
+
+    def _gaze_rows(
+        self, pose: Pose, gaze: Gaze, dofs: NDArray[np.int64]
+    ) -> tuple[Array, Array, Array]:
+        """Rows (n, 3, k) that turn an axis of a site to a point, errors and weights (n, 3).
+
+        The error is the turn that is still to do [rad]; about the axis itself nothing is wanted.
+        """
+        origin = pose.site_xpos[:, gaze.site]
+        axis = pose.site_xmat[:, gaze.site] @ gaze.axis
+        away = gaze.point - origin
+        length = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-6)
+        line = away / length
+        jacp, jacr = pose.jacobian(origin, int(self.model.site_bodyid[gaze.site]), dofs)
+        turn = cross(axis, line)
+        sine = np.linalg.norm(turn, axis=1, keepdims=True)
+        angle = np.arctan2(sine, np.einsum("ni,ni->n", axis, line)[:, None])
+        error = turn * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)
+        # A turn takes the axis along; a move v of the site turns the line by -line x v / length.
+        swing = cross(line[:, None, :], np.swapaxes(jacp, 1, 2)) / length[:, None]
+        across = np.eye(3) - axis[:, :, None] * axis[:, None, :]
+        rows = across @ (jacr + np.swapaxes(swing, 1, 2))
+        return rows, error, np.repeat(gaze.weight[:, None], 3, axis=1)
 
     def _within_limits(
         self, qpos: Array, displacement: Array, freedom: Array
@@ -161,6 +239,8 @@ class NumericIK:
         """Put joints that left their range on its edge and hold them there."""
         moved = oplus(self.model, qpos, displacement)
         clamped = limits.clamp_to_limits(self.model, moved)
+        if self._coupling:
+            clamped = couple(self.model, clamped)
         wrong = np.flatnonzero(np.abs(clamped - moved).max(axis=1) > _LIMIT_TOLERANCE)
         if len(wrong) == 0:
             return moved, displacement, freedom
@@ -171,6 +251,8 @@ class NumericIK:
         # A ball is held as a whole: its three numbers are one joint.
         for joint in range(self.model.njnt):
             columns = np.flatnonzero(self.model.dof_jntid == joint)
+            if np.isin(columns, self._coupling.leader).any():
+                continue  # the shares decide; every step puts them right again
             hit = off[:, columns].any(axis=1)
             if joint > 0 and hit.any():
                 freedom[np.ix_(wrong[hit], columns)] = 0.0

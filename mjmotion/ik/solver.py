@@ -14,7 +14,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.constraints import Targets
+from mjmotion.constraints import Link, Targets
+from mjmotion.kinematics import Pose
+from mjmotion.shared import Sensitivity
 
 Array = NDArray[np.float64]
 
@@ -75,6 +77,10 @@ class IKSolver(Protocol):
         """Return displacements that meet every target exactly (§4.4), moving the root least."""
         ...
 
+    def sensitivity(self, qpos: Array, targets: Targets) -> Sensitivity:
+        """Return what the frames' deviations cost when their targets change (§7)."""
+        ...
+
 
 def default_weights(model: mujoco.MjModel) -> Array:
     """Return the rigidity α (nv,) of every degree of freedom (Eq. 4).
@@ -89,7 +95,17 @@ def default_weights(model: mujoco.MjModel) -> Array:
     return np.asarray(weights)
 
 
-def position_error(site_xpos: Array, targets: Targets) -> Array:
-    """Return the largest position error of each frame (n,) [m]; ``site_xpos`` is (n, s, 3)."""
-    gap = np.linalg.norm(targets.position - site_xpos, axis=-1)
-    return np.max(gap * (targets.position_weight > 0), axis=1, initial=0.0)
+def position_error(pose: Pose, targets: Targets) -> Array:
+    """Return the largest position error of each frame (n,) [m], of sites and of linked sites."""
+    gap = np.linalg.norm(targets.position - pose.site_xpos[:, targets.sites], axis=-1)
+    worst = np.max(gap * (targets.position_weight > 0), axis=1, initial=0.0)
+    for link in targets.links:
+        gap = np.linalg.norm(link_position(pose, link) - pose.site_xpos[:, link.site], axis=-1)
+        worst = np.maximum(worst, gap * (link.position_weight > 0))
+    return np.asarray(worst)
+
+
+def link_position(pose: Pose, link: Link) -> Array:
+    """Return where (n, 3) the held site of a link is to be, in the world [m]."""
+    turned = pose.site_xmat[:, link.to] @ link.position[..., None]
+    return np.asarray(pose.site_xpos[:, link.to] + turned[..., 0])

@@ -20,15 +20,26 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjmotion import limits
-from mjmotion.constraints import SiteConstraint, Targets, lay_out
+from mjmotion.bones import Bones
+from mjmotion.constraints import Constraint, Gaze, Link, Targets, lay_out
+from mjmotion.coupling import couple
 from mjmotion.exceptions import FitError, unknown_name
+from mjmotion.fit.exact import ExactPass, within_limits
+from mjmotion.fit.result import (
+    UNMET,
+    Fit,
+    LevelTrace,
+    Trace,
+    find_unmet,
+    other_residuals,
+    residuals,
+)
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.solver import Clearance, IKSolver, default_weights, position_error
+from mjmotion.ik.solver import Clearance, IKSolver
 from mjmotion.kinematics import character_height, site_positions
 from mjmotion.motion import Motion
-from mjmotion.smoothing import cover
+from mjmotion.shared import SharedMove, SharedMoves, free_moves
 from mjmotion.spline import fit_level, fit_multilevel
 from mjmotion.tangent import oplus
 
@@ -38,54 +49,11 @@ SOLVERS = ("hybrid", "numeric")
 FIRST_SPACING = 16.0 / 30.0  # the paper's coarsest knots: 16 frames at 30 fps [s]
 FINEST = 2.0  # frames a knot of the last level
 EDGE_RESIDUAL = 1e-4  # what may be left beside free frames before the exact pass [m]
-UNMET = 1e-3  # residual from which a constraint counts as not met [m]
 TOUCHING = 0.004  # nearer than this to an obstacle, and another level follows [m]
-RISE_TIME = 0.25  # over how long the root rises or sinks for a limb to reach at last [s]
-LIMIT_SLACK = 1e-5  # how far a closed limb may be out of its range before the root gives [rad]
-_EASES = 4
 _BETTER = 0.8  # another level only while each leaves less than this share of the one before
 _EXTRA_LEVELS = 6  # at most, at the finest spacing, to get the edges that close
 _PASSES = 2  # times that Eq. 2 is applied at a level's knots: then to what the first time left
 _STILL = 1e-6  # a displacement this small is rounding [rad or m]
-
-
-@dataclasses.dataclass(frozen=True)
-class LevelTrace:
-    """One level: its place (from 1), knots, time [s] and the error it left [% of height]."""
-
-    level: int
-    frames_per_knot: float
-    seconds: float
-    max_error_percent: float
-
-
-@dataclasses.dataclass(frozen=True)
-class Trace:
-    """What a fit did: its levels, its whole time [s] and the errors before and after [%]."""
-
-    levels: tuple[LevelTrace, ...]
-    fit_seconds: float
-    first_error_percent: float
-    exact_error_percent: float
-    nscalar: int
-
-
-@dataclasses.dataclass(frozen=True)
-class Unmet:
-    """A constraint that could not be met: where and by how much [mm]."""
-
-    constraint: str
-    frames: tuple[int, ...]
-    residual_mm: float
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Fit:
-    """A fitted motion, what the fit did, and what it could not meet."""
-
-    motion: Motion
-    trace: Trace
-    unmet: tuple[Unmet, ...]
 
 
 def default_levels(fps: float) -> tuple[float, ...]:
@@ -97,7 +65,7 @@ def default_levels(fps: float) -> tuple[float, ...]:
 
 def fit(
     motion: Motion,
-    constraints: Sequence[SiteConstraint],
+    constraints: Sequence[Constraint],
     *,
     levels: Sequence[float] | None = None,
     tolerance: float = 0.0,
@@ -107,13 +75,15 @@ def fit(
     first_guess: Array | bool = True,
     exact: bool = True,
     unmet_tolerance: float = UNMET,
+    shared: Sequence[SharedMove] = (),
+    bones: Bones | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Fit:
     """Fit a motion to constraints (Algorithm 1).
 
     Args:
       motion: the motion to change; it is not touched.
-      constraints: what must hold; see :class:`SiteConstraint`.
+      constraints: what must hold; see :mod:`mjmotion.constraints`.
       levels: frames a knot, coarse to fine; :func:`default_levels` without.
       tolerance: refinement stops once no position is off by more [m].
       ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
@@ -123,6 +93,8 @@ def fit(
         path (nframe, 3) of one's own [m].
       exact: enforce every constrained frame at the end (§4.4).
       unmet_tolerance: residual from which a constraint counts as not met [m].
+      shared: moves that frames have in common (§7), besides those of ``free`` constraints.
+      bones: a body for each frame, where it changes (Figure 5d).
       progress: called with levels done and levels in all.
 
     Raises:
@@ -131,17 +103,23 @@ def fit(
     """
     began = time.perf_counter()
     spacings = _check_levels(default_levels(motion.fps) if levels is None else levels)
-    solver = _make_solver(motion, ik, weights)
-    everywhere = clearance is not None
+    if bones is not None:
+        bones.check(motion.model, motion.nframe)
+    solver = _make_solver(motion, ik, weights, bones)
     targets = lay_out(constraints, motion.model, motion.nframe)
-    if everywhere:
+    if clearance is not None:
         targets = over_all_frames(targets, motion.nframe)
+    moves = [*shared, *free_moves(constraints)]
+    together = SharedMoves(moves, targets, motion.model) if moves else None
+    values = np.zeros((len(moves), 4))
     height = character_height(motion.model)
-    qpos = np.array(motion.qpos)
+    guessing = time.perf_counter()
+    qpos = within_shares(motion)
     if isinstance(first_guess, np.ndarray):
         qpos[:, :3] += first_guess
     elif first_guess and targets.contact.any():
-        qpos[:, :3] += contact_shift(motion, targets, spacings)
+        qpos[:, :3] += contact_shift(motion, targets, spacings, bones)
+    guessed = time.perf_counter() - guessing
 
     traced: list[tuple[float, float, float]] = []  # spacing, seconds, error before the level
     queue = list(spacings)
@@ -149,28 +127,33 @@ def fit(
     while queue:
         spacing = queue.pop(0)
         start = time.perf_counter()
-        frames, displacement, last_error = _solve_level(solver, qpos, targets, clearance)
+        poses = qpos[targets.frames]
+        if together is not None:
+            values = together.step(values, targets, solver.sensitivity(poses, targets))
+            targets = together.moved(values)
+        frames, displacement, last_error = _solve_level(solver, poses, targets, clearance)
         if traced and last_error <= tolerance:
             break
         if len(frames):
             submap = fit_level(frames, displacement, motion.nframe, spacing, passes=_PASSES)
-            qpos = oplus(motion.model, qpos, submap)
+            qpos = couple(motion.model, oplus(motion.model, qpos, submap))
         traced.append((spacing, time.perf_counter() - start, last_error))
         if progress is not None:
             progress(len(traced), len(spacings) + int(exact))
         if not queue and exact and len(traced) - len(spacings) < _EXTRA_LEVELS:
-            left = _left_to_do(motion, qpos, targets, clearance)
+            left = _left_to_do(motion, qpos, targets, clearance, bones)
             if left > 0.0 and left < _BETTER * worst_left:
                 queue.append(spacings[-1])
             worst_left = left
-    if exact and len(targets.frames) and len(targets.sites):
-        qpos, last_error = _enforce(solver, motion, qpos, targets, spacings)
+    if exact and targets.held.any():
+        qpos, last_error = ExactPass(motion, solver, targets, spacings[0], bones)(qpos)
     else:
-        qpos = limits.clamp_to_limits(motion.model, qpos)
+        qpos = within_limits(motion, qpos)
     fitted = motion.replace(qpos)
-    residual = residuals(fitted, targets)
+    residual = residuals(fitted, targets, bones)
+    others = other_residuals(fitted, targets, bones)[: len(targets.links)]
     seconds = time.perf_counter() - began
-    worst = float(residual.max(initial=0.0))
+    worst = max(float(error.max(initial=0.0)) for error in (residual, *(e for _, e in others)))
     if not exact:
         last_error = worst
     percent = 100.0 / height
@@ -184,8 +167,15 @@ def fit(
         percent * (traced[0][2] if traced else 0.0),
         percent * worst,
         sum(constraint.nscalar for constraint in constraints),
+        guessed,
     )
-    return Fit(fitted, trace, find_unmet(motion, targets, residual, unmet_tolerance))
+    unmet = find_unmet(fitted, targets, residual, unmet_tolerance, bones)
+    return Fit(fitted, trace, unmet, values, targets)
+
+
+def within_shares(motion: Motion) -> Array:
+    """Return a motion's poses (nframe, nq), coupled joints with their shares of one turn (§4.2)."""
+    return couple(motion.model, motion.qpos)
 
 
 def _check_levels(levels: Sequence[float]) -> list[float]:
@@ -199,7 +189,9 @@ def _check_levels(levels: Sequence[float]) -> list[float]:
     return spacings
 
 
-def _make_solver(motion: Motion, ik: str | IKSolver, weights: ArrayLike | None) -> IKSolver:
+def _make_solver(
+    motion: Motion, ik: str | IKSolver, weights: ArrayLike | None, bones: Bones | None
+) -> IKSolver:
     if not isinstance(ik, str):
         return ik
     if ik not in SOLVERS:
@@ -207,7 +199,8 @@ def _make_solver(motion: Motion, ik: str | IKSolver, weights: ArrayLike | None) 
     alpha = None if weights is None else np.asarray(weights, dtype=np.float64)
     if alpha is not None and (alpha.shape != (motion.model.nv,) or not (alpha > 0).all()):
         raise FitError(f"weights must be {motion.model.nv} positive numbers, one a dof")
-    return (HybridIK if ik == "hybrid" else NumericIK)(motion.model, alpha)
+    kind = HybridIK if ik == "hybrid" else NumericIK
+    return kind(motion.model, alpha, bones=bones)
 
 
 def over_all_frames(targets: Targets, nframe: int) -> Targets:
@@ -225,92 +218,54 @@ def over_all_frames(targets: Targets, nframe: int) -> Targets:
     }
     for name, values in spread.items():
         values[targets.frames] = getattr(targets, name)
-    return Targets(frames=np.arange(nframe), sites=targets.sites, **spread)
+    links, gazes = [], []
+    for link in targets.links:
+        names = ("position", "quat", "position_weight", "turn_weight")
+        links.append(dataclasses.replace(link, **_spread_out(link, names, targets.frames, nframe)))
+    for gaze in targets.gazes:
+        more = _spread_out(gaze, ("point", "weight"), targets.frames, nframe)
+        gazes.append(dataclasses.replace(gaze, **more))
+    return Targets(
+        frames=np.arange(nframe),
+        sites=targets.sites,
+        links=tuple(links),
+        gazes=tuple(gazes),
+        **spread,
+    )
 
 
-def _enforce(
-    solver: IKSolver, motion: Motion, qpos: Array, targets: Targets, spacings: Sequence[float]
-) -> tuple[Array, float]:
-    """Make the exact pass (§4.4): poses within limits that meet the targets, and the error before.
-
-    Where a limb would not reach, or would leave its range, the root gives first, over more frames
-    than those, so that nothing jerks.
-    """
-    frames = targets.frames
-    solution = solver.enforce(qpos[frames], targets)
-    error = float(solution.error.max(initial=0.0))
-    if solution.rise is not None and solution.rise.any():
-        qpos = qpos.copy()
-        qpos[:, 2] += _spread(solution.rise, frames, motion)
-        solution = solver.enforce(qpos[frames], targets)
-    before = math.inf
-    for turn in range(_EASES + 1):
-        closed = qpos.copy()
-        closed[frames] = oplus(motion.model, qpos[frames], solution.displacement)
-        clamped = limits.clamp_to_limits(motion.model, closed)
-        beyond = np.abs(clamped[frames] - closed[frames]).max(axis=1)
-        over, worst = beyond > LIMIT_SLACK, float(beyond.max())
-        # What no smooth move of the root mends stays within limits, and is reported.
-        if not over.any() or turn == _EASES or worst > _BETTER * before:
-            break
-        before = worst
-        qpos = _ease(motion, qpos, targets, np.flatnonzero(over), spacings)
-        solution = solver.enforce(qpos[frames], targets)
-    return clamped, error
-
-
-def _spread(rise: Array, frames: NDArray[np.int64], motion: Motion) -> Array:
-    """Spread smoothly over frames (nframe,) what the root must rise or sink at some."""
-    spread = np.zeros(motion.nframe)
-    for sign in (1.0, -1.0):
-        need = np.zeros(motion.nframe)
-        need[frames] = sign * rise
-        spread += sign * cover(need, RISE_TIME * motion.fps)
+def _spread_out(
+    one: Link | Gaze, names: Sequence[str], frames: NDArray[np.int64], nframe: int
+) -> dict[str, Array]:
+    """Return fields of a link or gaze for every frame: zero, or upright, where it says nothing."""
+    spread = {}
+    for name in names:
+        values = getattr(one, name)
+        whole = np.zeros((nframe, *values.shape[1:]))
+        if name == "quat":
+            whole[:, 0] = 1.0
+        whole[frames] = values
+        spread[name] = whole
     return spread
 
 
-def _ease(
-    motion: Motion,
-    qpos: Array,
-    targets: Targets,
-    rows: NDArray[np.int64],
-    spacings: Sequence[float],
-) -> Array:
-    """Move the root, smoothly, where closed limbs would leave their range.
-
-    The numeric solver knows limits and finds where the root would have to be at those frames; a
-    level of its own spreads that to the frames around them.
-    """
-    weights = default_weights(motion.model)
-    weights[:6] = 1.0
-    frames = targets.frames[rows]
-    wish = NumericIK(motion.model, weights, iterations=4).solve(qpos[frames], targets.at(rows))
-    root = np.zeros((len(frames), motion.model.nv))
-    root[:, :6] = wish.displacement[:, :6]
-    spacing = min(spacings[0], RISE_TIME * motion.fps)
-    return oplus(motion.model, qpos, fit_level(frames, root, motion.nframe, spacing))
-
-
-def _held(targets: Targets) -> NDArray[np.bool_]:
-    """Which of the targets' frames hold anything (n,)."""
-    weight = np.maximum(targets.position_weight, targets.turn_weight)
-    return np.asarray((weight > 0).any(axis=1))
-
-
 def _solve_level(
-    solver: IKSolver, qpos: Array, targets: Targets, clearance: Clearance | None
+    solver: IKSolver, poses: Array, targets: Targets, clearance: Clearance | None
 ) -> tuple[NDArray[np.int64], Array, float]:
-    solution = solver.solve(qpos[targets.frames], targets, clearance)
+    solution = solver.solve(poses, targets, clearance)
     error = float(solution.error.max(initial=0.0))
     if clearance is None:
         return targets.frames, solution.displacement, error
-    wanted = _held(targets) | (np.abs(solution.displacement).max(axis=1) > _STILL)
+    wanted = targets.held | (np.abs(solution.displacement).max(axis=1) > _STILL)
     return targets.frames[wanted], solution.displacement[wanted], error
 
 
-def contact_shift(motion: Motion, targets: Targets, spacings: Sequence[float]) -> Array:
+def contact_shift(
+    motion: Motion, targets: Targets, spacings: Sequence[float], bones: Bones | None = None
+) -> Array:
     """Return the root shift of §4.5 (nframe, 3) [m]: the contacts' average shift, smoothed."""
-    sites = site_positions(motion.model, motion.qpos[targets.frames], targets.sites)
+    mine = bones if bones is None else bones.at(targets.frames)
+    sites = site_positions(motion.model, motion.qpos[targets.frames], targets.sites, mine)
     shift = targets.position - sites
     share = (targets.contact & (targets.position_weight > 0)).astype(float)
     count = share.sum(axis=1)
@@ -327,12 +282,16 @@ def _has_edges(targets: Targets, motion: Motion) -> bool:
 
 
 def _left_to_do(
-    motion: Motion, qpos: Array, targets: Targets, clearance: Clearance | None
+    motion: Motion,
+    qpos: Array,
+    targets: Targets,
+    clearance: Clearance | None,
+    bones: Bones | None,
 ) -> float:
     """How far the exact pass would jump beside free frames, or a body is still too near [m]."""
     left = 0.0
     if _has_edges(targets, motion):
-        edge = _edge_residual(motion, qpos, targets)
+        edge = _edge_residual(motion, qpos, targets, bones)
         left = edge if edge > EDGE_RESIDUAL else 0.0
     if clearance is not None:
         distance = clearance(qpos, np.arange(motion.nframe)).distance
@@ -340,56 +299,11 @@ def _left_to_do(
     return left
 
 
-def _edge_residual(motion: Motion, qpos: Array, targets: Targets) -> float:
+def _edge_residual(motion: Motion, qpos: Array, targets: Targets, bones: Bones | None) -> float:
     """Largest position error in frames next to one where that site is free [m]."""
     held = np.zeros((motion.nframe + 2, len(targets.sites)), dtype=bool)
     held[targets.frames + 1] = targets.position_weight > 0
     held[0], held[-1] = held[1], held[-2]
     edge = held[1:-1] & ~(held[:-2] & held[2:])
-    gap = residuals(motion.replace(qpos), targets)
+    gap = residuals(motion.replace(qpos), targets, bones)
     return float((gap * edge[targets.frames]).max(initial=0.0))
-
-
-def residuals(motion: Motion, targets: Targets) -> Array:
-    """Return position errors (n, s) [m] at the targets' frames, 0 where nothing is wanted."""
-    if len(targets.frames) == 0 or len(targets.sites) == 0:
-        return np.zeros((len(targets.frames), len(targets.sites)))
-    sites = site_positions(motion.model, motion.qpos[targets.frames], targets.sites)
-    gap = np.linalg.norm(targets.position - sites, axis=-1)
-    return np.asarray(gap * (targets.position_weight > 0))
-
-
-def find_unmet(
-    motion: Motion, targets: Targets, residual: Array, tolerance: float = UNMET
-) -> tuple[Unmet, ...]:
-    """Return the exact position targets of a motion that are off by more than ``tolerance`` [m].
-
-    Args:
-      motion: the fitted motion.
-      targets: what was to hold.
-      residual: (n, s) :func:`residuals` of the two [m].
-      tolerance: residual from which a constraint counts as not met [m].
-    """
-    found = []
-    for column, site in enumerate(targets.sites):
-        exact = targets.position_weight[:, column] == 1.0
-        bad = np.flatnonzero(exact & (residual[:, column] > tolerance))
-        if len(bad):
-            frames = tuple(int(frame) for frame in targets.frames[bad])
-            worst = 1000.0 * float(residual[bad, column].max())
-            found.append(Unmet(f"position of {motion.model.site(site).name}", frames, worst))
-    return tuple(found)
-
-
-__all__ = [
-    "Fit",
-    "LevelTrace",
-    "Trace",
-    "Unmet",
-    "contact_shift",
-    "default_levels",
-    "find_unmet",
-    "fit",
-    "position_error",
-    "residuals",
-]

@@ -1,0 +1,24 @@
+"""What must hold at which frames: targets for sites, from the scene or from the user.
+
+hand = SiteConstraint("left_hand", frames=range(60, 80), position=points)
+more = load_constraints("constraints.yaml", model, nframe)
+targets = lay_out([hand, *more], model, nframe)     # arrays over the constrained frames
+"""
+
+from __future__ import annotations
+
+from mjmotion.constraints.file import load_constraints
+from mjmotion.constraints.targets import Gaze, Link, Targets, lay_out
+from mjmotion.constraints.wanted import Constraint, LookAt, RelativeConstraint, SiteConstraint
+
+__all__ = [
+    "Constraint",
+    "Gaze",
+    "Link",
+    "LookAt",
+    "RelativeConstraint",
+    "SiteConstraint",
+    "Targets",
+    "lay_out",
+    "load_constraints",
+]

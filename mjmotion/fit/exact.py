@@ -1,0 +1,105 @@
+"""The exact pass of §4.4: constrained frames meet their targets, within limits, without jerks."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion import limits
+from mjmotion.bones import Bones
+from mjmotion.constraints import Targets
+from mjmotion.coupling import couple
+from mjmotion.ik.numeric import NumericIK
+from mjmotion.ik.solver import IKSolver, default_weights
+from mjmotion.motion import Motion
+from mjmotion.smoothing import cover
+from mjmotion.spline import fit_level
+from mjmotion.tangent import oplus
+
+Array = NDArray[np.float64]
+
+RISE_TIME = 0.25  # over how long the root rises or sinks for a limb to reach at last [s]
+LIMIT_SLACK = 1e-5  # how far a closed limb may be out of its range before the root gives [rad]
+_EASES = 4
+_BETTER = 0.8  # the root gives again only while that leaves less than this share of what was over
+
+
+def within_limits(motion: Motion, qpos: Array) -> Array:
+    """Return poses (n, nq) within joint limits, coupled joints with their shares (§4.2)."""
+    return couple(motion.model, limits.clamp_to_limits(motion.model, qpos))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ExactPass:
+    """Makes poses meet their targets exactly, with the body where the levels left it.
+
+    Attributes:
+      motion: the motion that is fitted; its model and rate.
+      solver: closes the limbs.
+      targets: what is to hold.
+      spacing: frames a knot of the coarsest level.
+      bones: a body for each frame, where it changes.
+    """
+
+    motion: Motion
+    solver: IKSolver
+    targets: Targets
+    spacing: float
+    bones: Bones | None
+
+    def __call__(self, qpos: Array) -> tuple[Array, float]:
+        """Return poses (nframe, nq) that meet the targets, and the error before [m].
+
+        Where a limb would not reach, or would leave its range, the root gives first, over more
+        frames than those, so that nothing jerks.
+        """
+        motion, frames = self.motion, self.targets.frames
+        solution = self.solver.enforce(qpos[frames], self.targets)
+        error = float(solution.error.max(initial=0.0))
+        if solution.rise is not None and solution.rise.any():
+            qpos = qpos.copy()
+            qpos[:, 2] += self._spread(solution.rise)
+            solution = self.solver.enforce(qpos[frames], self.targets)
+        before = math.inf
+        for turn in range(_EASES + 1):
+            closed = qpos.copy()
+            closed[frames] = oplus(motion.model, qpos[frames], solution.displacement)
+            clamped = within_limits(motion, closed)
+            beyond = np.abs(clamped[frames] - closed[frames]).max(axis=1)
+            over, worst = beyond > LIMIT_SLACK, float(beyond.max())
+            # What no smooth move of the root mends stays within limits, and is reported.
+            if not over.any() or turn == _EASES or worst > _BETTER * before:
+                break
+            before = worst
+            qpos = self._ease(qpos, np.flatnonzero(over))
+            solution = self.solver.enforce(qpos[frames], self.targets)
+        return clamped, error
+
+    def _spread(self, rise: Array) -> Array:
+        """Spread smoothly over frames (nframe,) what the root must rise or sink at some."""
+        spread = np.zeros(self.motion.nframe)
+        for sign in (1.0, -1.0):
+            need = np.zeros(self.motion.nframe)
+            need[self.targets.frames] = sign * rise
+            spread += sign * cover(need, RISE_TIME * self.motion.fps)
+        return spread
+
+    def _ease(self, qpos: Array, rows: NDArray[np.int64]) -> Array:
+        """Move the root, smoothly, where closed limbs would leave their range.
+
+        The numeric solver knows limits and finds where the root would have to be at those frames; a
+        level of its own spreads that to the frames around them.
+        """
+        model = self.motion.model
+        weights = default_weights(model)
+        weights[:6] = 1.0
+        frames = self.targets.frames[rows]
+        solver = NumericIK(model, weights, iterations=4, bones=self.bones)
+        wish = solver.solve(qpos[frames], self.targets.at(rows))
+        root = np.zeros((len(frames), model.nv))
+        root[:, :6] = wish.displacement[:, :6]
+        spacing = min(self.spacing, RISE_TIME * self.motion.fps)
+        return oplus(model, qpos, fit_level(frames, root, self.motion.nframe, spacing))

@@ -1,0 +1,249 @@
+"""Targets that move as a whole: one unknown move shared by many frames (§7).
+
+    free = SharedMove("left_foot", frames, share, pivot, directions=np.eye(3)[:2], axis=(0, 0, 1))
+    result = fit(motion, constraints, shared=[free])
+    result.moves                       # how far it went, and how far it turned
+
+A foothold that must not slide but may be somewhere else is one unknown for all frames of its
+contact. At each level the poses answer to the move through a quadratic: what a frame's least
+deviation (Eq. 4) costs when its targets change by δ is ``½ δᵀ H δ + gᵀ δ``, with H and g of that
+frame alone (:class:`Sensitivity`). The poses are thereby eliminated frame by frame; what is left is
+one small system in the moves, banded because a move meets only those that share frames with it. So
+the cost stays linear in frames.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+import scipy.sparse as sparse
+from numpy.typing import NDArray
+
+from mjmotion.constraints import Constraint, SiteConstraint, Targets
+from mjmotion.exceptions import ConstraintError
+from mjmotion.kinematics import site_id
+from mjmotion.rotations import cross, exp, multiply, normalized, rotate, to_matrix
+
+Array = NDArray[np.float64]
+
+RIGIDITY = 1e-3  # α of a move, so that one on which nothing depends stays where it is [1/m²]
+STEP_LIMIT = 0.25  # the most that a move changes at one level [m or rad]
+_WIDTH = 4  # unknowns of a move: three directions and a turn
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SharedMove:
+    """One unknown move of several frames' targets of one site.
+
+    A target x becomes ``pivot + R(axis, share·yaw) (x − pivot) + share · Σ u_i direction_i``; its
+    orientation turns alike.
+
+    Attributes:
+      site: name of the site whose targets move.
+      frames: (n,) frames, each once.
+      share: (n,) in [0, 1]: 1 where the move is made in full, as during a contact; it may fade to 0
+        through the frames before and after.
+      pivot: (3,) point that stays when the targets turn [m].
+      directions: (k, 3) directions in which they may move, at most three; made unit length.
+      axis: (3,) what they may turn about, or None.
+      rigidity: α of the move [1/m²] and of its turn.
+
+    Raises:
+      ConstraintError: shapes that do not fit, or nothing that is free.
+    """
+
+    site: str
+    frames: NDArray[np.int64]
+    share: Array
+    pivot: Array
+    directions: Array
+    axis: Array | None = None
+    rigidity: float = RIGIDITY
+
+    def __post_init__(self) -> None:
+        where = f"shared move of '{self.site}'"
+        frames = np.array(self.frames, dtype=np.int64).reshape(-1)
+        if len(frames) == 0 or len(np.unique(frames)) != len(frames):
+            raise ConstraintError(f"{where} must have frames, each once")
+        share = np.array(np.broadcast_to(np.asarray(self.share, dtype=np.float64), frames.shape))
+        pivot = np.array(self.pivot, dtype=np.float64).reshape(3)
+        directions = np.array(self.directions, dtype=np.float64).reshape(-1, 3)
+        axis = None if self.axis is None else np.array(self.axis, dtype=np.float64).reshape(3)
+        lengths = np.linalg.norm(directions if axis is None else [*directions, axis], axis=-1)
+        if len(directions) > 3 or (len(directions) == 0 and axis is None):
+            raise ConstraintError(f"{where} must have one to three directions, or an axis")
+        if not (np.isfinite(pivot).all() and (lengths > 1e-9).all()):
+            raise ConstraintError(f"{where}: pivot not finite, or direction of length 0")
+        if not ((share >= 0.0) & (share <= 1.0)).all() or not self.rigidity > 0.0:
+            raise ConstraintError(f"{where}: shares must be in [0, 1], the rigidity positive")
+        for name, value in (
+            ("frames", frames),
+            ("share", share),
+            ("pivot", pivot),
+            ("directions", normalized(directions)),
+            ("axis", axis if axis is None else normalized(axis)),
+        ):
+            object.__setattr__(self, name, value)
+
+
+def free_moves(constraints: Sequence[Constraint]) -> list[SharedMove]:
+    """Return the shared moves of constraints that say what is free of them."""
+    moves = []
+    for constraint in constraints:
+        if isinstance(constraint, SiteConstraint) and constraint.free:
+            assert constraint.position is not None
+            directions = [np.eye(3)["xyz".index(n)] for n in constraint.free if n != "yaw"]
+            moves.append(
+                SharedMove(
+                    constraint.site,
+                    constraint.frames,
+                    np.ones(len(constraint.frames)),
+                    constraint.position.mean(axis=0),
+                    np.array(directions).reshape(-1, 3),
+                    np.array((0.0, 0.0, 1.0)) if "yaw" in constraint.free else None,
+                )
+            )
+    return moves
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """What each frame's least deviation costs when its targets change, to second order.
+
+    A change of a site's target is six numbers: a move [m], then a turn [rad], in world axes.
+
+    Attributes:
+      gradient: (n, s, 6).
+      hessian: (n, s, 6, s, 6).
+    """
+
+    gradient: Array
+    hessian: Array
+
+
+class SharedMoves:
+    """Shared moves laid out over the frames of a fit's targets.
+
+    Args:
+      moves: the moves.
+      targets: the targets as they are without any move.
+      model: the model.
+
+    Raises:
+      ConstraintError: a move of targets that do not exist.
+    """
+
+    def __init__(
+        self, moves: Sequence[SharedMove], targets: Targets, model: mujoco.MjModel
+    ) -> None:
+        self._moves = tuple(moves)
+        self._targets = targets
+        # Entries: one for each move, and target of its site in one of its frames.
+        row, column, index, share = [], [], [], []
+        for number, move in enumerate(moves):
+            found = np.flatnonzero(targets.sites == site_id(model, move.site))
+            there = np.isin(move.frames, targets.frames)
+            rows = np.searchsorted(targets.frames, move.frames[there])
+            if len(found) == 0 or len(rows) == 0:
+                raise ConstraintError(
+                    f"shared move of '{move.site}' at frames {move.frames[0]} to"
+                    f" {move.frames[-1]}: no constraint holds that site there"
+                )
+            row.append(rows)
+            column.append(np.full(len(rows), found[0]))
+            index.append(np.full(len(rows), number))
+            share.append(move.share[there])
+        self._row, self._column = np.concatenate(row), np.concatenate(column)
+        self._index, self._share = np.concatenate(index), np.concatenate(share)
+        self._pivot = np.array([move.pivot for move in moves])
+        self._directions = np.zeros((len(moves), 3, 3))
+        self._axis = np.zeros((len(moves), 3))
+        free = np.zeros((len(moves), _WIDTH), dtype=bool)
+        for number, move in enumerate(moves):
+            self._directions[number, : len(move.directions)] = move.directions
+            free[number, : len(move.directions)] = True
+            if move.axis is not None:
+                self._axis[number], free[number, 3] = move.axis, True
+        self._free = free
+        self._rigidity = np.array([move.rigidity for move in moves])[:, None]
+        self._pairs = self._meeting()
+
+    def moved(self, values: Array) -> Targets:
+        """Return the targets after moves (nmove, 4): along the directions [m], and turns [rad]."""
+        targets = self._targets
+        position, quat = targets.position.copy(), targets.quat.copy()
+        # A target in two moves is moved by one after the other.
+        for number in range(len(self._moves)):
+            mine = self._entries(number)
+            where = (self._row[mine], self._column[mine])
+            share = self._share[mine][:, None]
+            pivot = self._pivot[number]
+            turn = exp(share * values[number, 3] * self._axis[number])
+            step = share * (values[number, :3] @ self._directions[number])
+            position[where] = pivot + rotate(turn, position[where] - pivot) + step
+            quat[where] = multiply(turn, quat[where])
+        return dataclasses.replace(targets, position=position, quat=quat, matrix=to_matrix(quat))
+
+    def _entries(self, number: int) -> slice:
+        """Return where a move's own entries are: they stand together."""
+        first, last = np.searchsorted(self._index, (number, number + 1))
+        return slice(int(first), int(last))
+
+    def step(self, values: Array, targets: Targets, sensitivity: Sensitivity) -> Array:
+        """Return better moves (nmove, 4): the least of the quadratic, moves kept from leaping.
+
+        Args:
+          values: (nmove, 4) moves so far.
+          targets: what :meth:`moved` made of them.
+          sensitivity: of the frames, at those targets.
+        """
+        lever = targets.position[self._row, self._column] - self._pivot[self._index]
+        effect = np.zeros((len(self._row), 6, _WIDTH))
+        effect[:, :3, :3] = np.swapaxes(self._directions[self._index], 1, 2)
+        effect[:, :3, 3] = cross(self._axis[self._index], lever)
+        effect[:, 3:, 3] = self._axis[self._index]
+        effect *= self._share[:, None, None]
+        gradient = np.zeros_like(values)
+        slope = sensitivity.gradient[self._row, self._column]
+        np.add.at(gradient, self._index, np.einsum("eij,ei->ej", effect, slope))
+        one, other = self._pairs
+        row = self._row[one]
+        bend = sensitivity.hessian[row, self._column[one], :, self._column[other]]
+        blocks = np.swapaxes(effect[one], 1, 2) @ bend @ effect[other]
+        gradient += self._rigidity * values
+        change = self._solve(blocks, gradient)
+        return values + np.clip(change, -STEP_LIMIT, STEP_LIMIT)
+
+    def _solve(self, blocks: Array, gradient: Array) -> Array:
+        """Solve the system in the moves; it is sparse, and banded in order of time."""
+        count = gradient.size
+        one, other = (self._index[side] for side in self._pairs)
+        at = np.arange(_WIDTH)
+        rows = np.broadcast_to((_WIDTH * one)[:, None, None] + at[:, None], blocks.shape)
+        columns = np.broadcast_to((_WIDTH * other)[:, None, None] + at, blocks.shape)
+        matrix = sparse.coo_array(
+            (blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(count, count)
+        ).tocsc()
+        free = self._free.ravel()
+        keep = sparse.diags_array(free.astype(float))
+        held = np.where(free, np.repeat(self._rigidity, _WIDTH, axis=1).ravel(), 1.0)
+        matrix = (keep @ matrix @ keep + sparse.diags_array(held)).tocsc()
+        from scipy.sparse.linalg import spsolve
+
+        return np.asarray(-spsolve(matrix, free * gradient.ravel())).reshape(gradient.shape)
+
+    def _meeting(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return pairs of entries (m,), (m,) about the same frame, each with itself too."""
+        order = np.argsort(self._row, kind="stable")
+        _, first, count = np.unique(self._row[order], return_index=True, return_counts=True)
+        one, other = [], []
+        for size in np.unique(count):
+            starts = first[count == size]
+            for a in range(size):
+                for b in range(size):
+                    one.append(order[starts + a])
+                    other.append(order[starts + b])
+        return np.concatenate(one), np.concatenate(other)
