@@ -7,11 +7,11 @@ graphics library.
 from mjmotion.video.film import (
     LAYOUTS,
     render_frames,
-    render_strip,
     render_video,
     video_frames,
 )
 from mjmotion.video.gl import Canvas, ensure_gl, install_gl
+from mjmotion.video.strip import render_strip
 from mjmotion.video.writer import VideoWriter
 
 __all__ = [

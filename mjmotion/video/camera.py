@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.kinematics import Kinematics, RayCaster, character_geoms, root_body
+from mjmotion.morph.body import MorphBody
+from mjmotion.morph.measure import body_poses
 from mjmotion.video.stage import without_character
 
 Array = NDArray[np.float64]
@@ -59,7 +61,14 @@ class CameraPath:
         return camera
 
 
-def follow(model: mujoco.MjModel, qpos: Array, fps: float, *, scene: bool = True) -> CameraPath:
+def follow(
+    model: mujoco.MjModel,
+    qpos: Array,
+    fps: float,
+    *,
+    scene: bool = True,
+    body: MorphBody | None = None,
+) -> CameraPath:
     """Plan a camera that keeps the figure at about 60 % of the picture's height.
 
     A view is chosen every half second among 24 bearings and three elevations by dynamic
@@ -71,14 +80,20 @@ def follow(model: mujoco.MjModel, qpos: Array, fps: float, *, scene: bool = True
       qpos: (n, nq) the motion.
       fps: its frames a second.
       scene: whether the scene can block the view.
+      body: the figure's size in every frame, where that changes: then the largest fits.
     """
     from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-    some = qpos[:: max(len(qpos) // _EXTENT_FRAMES, 1)]
-    low, high = figure_extent(model, some)
-    height = float(np.median(high - low))
     centre = qpos[:, :3].copy()
-    centre[:, 2] += float(np.median((low + high) / 2 - some[:, 2]))
+    if body is None:
+        some = qpos[:: max(len(qpos) // _EXTENT_FRAMES, 1)]
+        low, high = figure_extent(model, some)
+        height = float(np.median(high - low))
+        centre[:, 2] += float(np.median((low + high) / 2 - some[:, 2]))
+    else:
+        low, high = figure_extent(model, qpos, body)
+        height = float((high - low).max())
+        centre[:, 2] = (low + high) / 2
     smooth = lambda x, s: gaussian_filter1d(x, max(s * fps, 1e-6), axis=0, mode="nearest")  # noqa: E731
     lookat = smooth(centre, _LOOKAT_SIGMA)
     distance = height / (2 * _FILL * np.tan(np.radians(FOVY) / 2))
@@ -111,7 +126,12 @@ def follow(model: mujoco.MjModel, qpos: Array, fps: float, *, scene: bool = True
 
 
 def whole_walk(
-    model: mujoco.MjModel, qpos: Array, aspect: float, fovy: float, elevation: float = 0.25
+    model: mujoco.MjModel,
+    qpos: Array,
+    aspect: float,
+    fovy: float,
+    elevation: float = 0.25,
+    body: MorphBody | None = None,
 ) -> CameraPath:
     """Return a camera at rest that sees all of ``qpos`` (n, nq) from the side of the walk.
 
@@ -121,11 +141,12 @@ def whole_walk(
       aspect: width over height of the picture.
       fovy: vertical field of view [degree].
       elevation: of the camera [rad].
+      body: the figure's size in each of these poses, where that changes.
     """
-    low, high = figure_extent(model, qpos)
+    low, high = figure_extent(model, qpos, body)
     middle = qpos[:, :3].copy()
     middle[:, 2] = (low + high) / 2
-    radius = float(np.median(high - low)) / 2
+    radius = float(np.median(high - low) if body is None else (high - low).max()) / 2
     flat = qpos[:, :2] - qpos[:, :2].mean(axis=0)
     along = np.linalg.svd(flat, full_matrices=False)[2][0] if len(qpos) > 1 else np.array([1.0, 0])
     along = along * (1.0 if along @ (qpos[-1, :2] - qpos[0, :2]) >= 0 else -1.0)
@@ -147,16 +168,29 @@ def whole_walk(
     return CameraPath(lookat[None], np.array([bearing]), np.array([elevation]), distance)
 
 
-def figure_extent(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
-    """Return the heights of the figure's lowest and highest point in every frame, (n,) each [m]."""
-    pose = Kinematics(model, len(qpos), geoms=True).forward(qpos)
+def figure_extent(
+    model: mujoco.MjModel, qpos: Array, body: MorphBody | None = None
+) -> tuple[Array, Array]:
+    """Return the heights of the figure's lowest and highest point in every frame, (n,) each [m].
+
+    ``body`` is its size in each of the poses, where that changes.
+    """
     mine = character_geoms(model)
+    if body is not None:
+        poses, box = body_poses(body, qpos), body.fields["geom_aabb"][:, mine]
+        return _spans(poses.geom[:, mine, 2], poses.geom_matrix[:, mine, 2], box)
+    pose = Kinematics(model, len(qpos), geoms=True).forward(qpos)
     if len(mine) == 0 or pose.geom_xpos is None or pose.geom_xmat is None:
         height = pose.xpos[:, model.body_rootid == root_body(model), 2]
         return height.min(axis=1), height.max(axis=1)
-    up = pose.geom_xmat[:, mine, 2]
-    centre = pose.geom_xpos[:, mine, 2] + np.einsum("ngj,gj->ng", up, model.geom_aabb[mine, :3])
-    half = np.einsum("ngj,gj->ng", np.abs(up), model.geom_aabb[mine, 3:])
+    box = np.broadcast_to(model.geom_aabb[mine], (len(qpos), len(mine), 6))
+    return _spans(pose.geom_xpos[:, mine, 2], pose.geom_xmat[:, mine, 2], box)
+
+
+def _spans(height: Array, up: Array, box: Array) -> tuple[Array, Array]:
+    """Return lowest and highest (n,) of boxes (n, g, 6) at heights (n, g), vertical in theirs."""
+    centre = height + np.einsum("ngj,ngj->ng", up, box[..., :3])
+    half = np.einsum("ngj,ngj->ng", np.abs(up), box[..., 3:])
     return (centre - half).min(axis=1), (centre + half).max(axis=1)
 
 

@@ -2,7 +2,6 @@
 
 render_video("walk.mp4", adapted, source, contacts=contacts)
 pictures = render_frames(adapted, [0, 30, 60])
-picture = render_strip(adapted, poses=9)
 """
 
 from __future__ import annotations
@@ -17,9 +16,10 @@ from numpy.typing import NDArray
 
 from mjmotion.contacts import Contact
 from mjmotion.exceptions import RenderError
+from mjmotion.morph.body import MorphBody
 from mjmotion.motion import Motion
 from mjmotion.video import stage as staging
-from mjmotion.video.camera import FOVY, CameraPath, figure_extent, follow, whole_walk
+from mjmotion.video.camera import FOVY, CameraPath, figure_extent, follow
 from mjmotion.video.captions import write_label
 from mjmotion.video.field import FieldWindow
 from mjmotion.video.gl import Canvas, Image, ensure_gl
@@ -32,7 +32,6 @@ LAYOUTS = ("side-by-side", "ghost", "single")
 _MAX_FPS = 30.0
 _GHOST = (0.20, 0.42, 0.85, 0.38)
 _GHOST_BEHIND = 0.02  # [m]: where both poses agree, the ghost hides in place of flickering
-_STRIP_FOVY = 20.0
 _WINDOW_BEYOND = 2.0  # the figure, seen from the camera [m]: the ground before it is not in view
 _MIN_SIZE = 64
 
@@ -46,6 +45,7 @@ def render_video(
     source: Motion | None = None,
     *,
     contacts: Sequence[Contact] = (),
+    body: MorphBody | None = None,
     layout: str = "side-by-side",
     width: int = 1280,
     height: int = 720,
@@ -62,6 +62,8 @@ def render_video(
       motion: the motion, on a model with its scene.
       source: the motion before adaptation, same model and frames.
       contacts: contacts to mark, of both motions.
+      body: the character's size in every frame of ``motion``, where that changes; the source keeps
+        the model's.
       layout: ``"side-by-side"`` (source on a flat floor beside the motion in its scene),
         ``"ghost"`` (source as a ghost in the motion's scene), or ``"single"``; without a source,
         always single.
@@ -87,6 +89,7 @@ def render_video(
         motion,
         source,
         contacts=contacts,
+        body=body,
         layout=layout,
         width=width,
         height=height,
@@ -113,6 +116,7 @@ def render_frames(
     *,
     source: Motion | None = None,
     contacts: Sequence[Contact] = (),
+    body: MorphBody | None = None,
     layout: str = "single",
     shadows: bool = True,
     captions: tuple[str, str] | None = None,
@@ -131,6 +135,7 @@ def render_frames(
         motion,
         source,
         contacts=contacts,
+        body=body,
         layout=layout,
         width=width,
         height=height,
@@ -140,52 +145,6 @@ def render_frames(
     )
     with Canvas(film.model, width, height) as canvas:
         return [film.picture(canvas, int(frame)) for frame in frames]
-
-
-def render_strip(
-    motion: Motion,
-    poses: int | Sequence[int] = 9,
-    width: int = 1600,
-    height: int = 400,
-    *,
-    contacts: Sequence[Contact] = (),
-) -> Image:
-    """Return one wide picture (height, width, 3) with several poses of a motion in its scene.
-
-    Args:
-      motion: the motion.
-      poses: how many, spread evenly over the way walked, or the frames themselves.
-      width: [pixel].
-      height: [pixel].
-      contacts: contacts whose footholds are marked.
-
-    Raises:
-      RenderError: no offscreen OpenGL.
-    """
-    _check_size(width, height)
-    frames = _even_steps(motion, poses) if isinstance(poses, int) else np.asarray(poses, np.int64)
-    view = whole_walk(motion.model, motion.qpos[frames], width / height, _STRIP_FOVY)
-    far = view.distance + float(np.ptp(motion.qpos[frames, :2], axis=0).max())
-    model = staging.picture_model(
-        motion.model, width, height, fovy=_STRIP_FOVY, fog=(far + 3.0, far + 20.0)
-    )
-    span = float(np.ptp(motion.qpos[frames, :2], axis=0).max())
-    model.vis.map.shadowclip = span / 2 + 2.0
-    model.vis.quality.shadowsize = 4096
-    window = FieldWindow(model, span + 20.0, 512)
-    marks = ContactMarks.of(motion, contacts)
-    stage = Stage(
-        model, extra=len(frames) * model.ngeom + len(contacts), bearing=float(view.bearing[0])
-    )
-    data = mujoco.MjData(model)
-    with Canvas(model, width, height) as canvas:
-        window.move(view.lookat[0], canvas)
-        stage.begin(motion.qpos[frames[0]], view.at(0), width / height)
-        for frame in frames[1:]:
-            stage.add_figure(model, motion.qpos[frame], data)
-        marks.draw(stage, motion.nframe)
-        canvas.draw(mujoco.MjrRect(0, 0, width, height), stage.scene)
-        return canvas.read()
 
 
 def video_frames(motion: Motion, fps: float) -> tuple[NDArray[np.int64], float]:
@@ -220,8 +179,14 @@ class _Panel:
     window: FieldWindow | None
     caption: str | None
     ghost: _Ghost | None = None
+    body: MorphBody | None = None
+    own_meshes: bool = False  # the panels' meshes differ, and the driver holds one set
 
     def draw(self, canvas: Canvas, frame: int) -> None:
+        if self.body is not None:
+            self.body.write(self.stage.model, frame)
+        if self.own_meshes:
+            canvas.upload_meshes(self.stage.model)
         if self.window is not None:
             ahead = self.camera.lookat[frame] - self.camera.position[frame]
             ahead *= _WINDOW_BEYOND / np.linalg.norm(ahead)
@@ -246,6 +211,7 @@ class _Film:
         source: Motion | None,
         *,
         contacts: Sequence[Contact],
+        body: MorphBody | None,
         layout: str,
         width: int,
         height: int,
@@ -255,7 +221,7 @@ class _Film:
     ) -> None:
         if layout not in LAYOUTS:
             raise RenderError(f"unknown layout '{layout}': use one of {', '.join(LAYOUTS)}")
-        _check_size(width, height)
+        check_size(width, height)
         if source is not None:
             source = source.on(motion.model)
             if source.nframe != motion.nframe:
@@ -265,13 +231,15 @@ class _Film:
                 )
         if source is None:
             layout = "single"
+        if body is not None:
+            body = _fitting(body, motion, layout)
         self._fps, self._marked = motion.fps, bool(len(contacts))
         self.model = staging.picture_model(
             motion.model, width, height, fovy=FOVY, shadows=shadows, samples=samples
         )
         self._captioned = captions is not None
         names = captions if captions is not None else (None, None)
-        camera = follow(motion.model, motion.qpos, motion.fps)
+        camera = follow(motion.model, motion.qpos, motion.fps, body=body)
         bearing = float(np.median(camera.bearing))
         panels: list[_Panel] = []
         left = 0
@@ -293,6 +261,7 @@ class _Film:
                     marks,
                     None,
                     names[0],
+                    own_meshes=body is not None,
                 )
             )
         ghost = None
@@ -305,10 +274,12 @@ class _Film:
                 Stage(self.model, extra=len(contacts), bearing=bearing, shadows=shadows),
                 motion,
                 camera,
-                ContactMarks.of(motion, contacts),
+                ContactMarks.of(motion, contacts, body=body),
                 FieldWindow(self.model),
                 names[1],
                 ghost,
+                body,
+                own_meshes=body is not None,
             )
         )
         self._panels = panels
@@ -345,6 +316,18 @@ class _Film:
             write_label(image, "heel", x, -gap, small, anchor="right", dot=HEEL)
 
 
+def _fitting(body: MorphBody, motion: Motion, layout: str) -> MorphBody:
+    """Return the body on the motion's model; RenderError where it cannot be shown."""
+    if layout == "ghost":
+        raise RenderError("a body that changes has no ghost: take side-by-side or single")
+    if body.nframe != motion.nframe:
+        raise RenderError(
+            f"the body has {body.nframe} frames and the motion {motion.nframe}: they must have the"
+            " same"
+        )
+    return body.on(motion.model)
+
+
 def _beside(source: Motion, camera: CameraPath) -> CameraPath:
     """Return the view of the motion's camera, of the source in place of the motion."""
     own = follow(source.model, source.qpos, source.fps, scene=False)
@@ -360,19 +343,8 @@ def _floor_height(source: Motion, marks: ContactMarks) -> float:
     return float(np.median(figure_extent(source.model, source.qpos)[0]))
 
 
-def _even_steps(motion: Motion, poses: int) -> NDArray[np.int64]:
-    """Return ``poses`` frames, evenly spaced along the way of the root; in time if it stands."""
-    if poses < 1:
-        raise RenderError(f"a strip of {poses} poses: ask for one or more")
-    way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(motion.qpos[:, :2], axis=0), axis=1))]
-    if way[-1] < 0.5:
-        way = np.arange(motion.nframe, dtype=np.float64)
-    marks = np.linspace(0.0, way[-1], poses) if poses > 1 else np.array([way[-1] / 2])
-    return np.unique(np.searchsorted(way, marks).clip(0, motion.nframe - 1))
-
-
-def _check_size(width: int, height: int) -> None:
-    """H.264 with 4:2:0 colours has even sizes only."""
+def check_size(width: int, height: int) -> None:
+    """Raise RenderError for what H.264 with 4:2:0 colours does not have: its sizes are even."""
     if width % 2 or height % 2 or min(width, height) < _MIN_SIZE:
         raise RenderError(
             f"size {width}×{height}: both must be even and at least {_MIN_SIZE} pixels"

@@ -126,6 +126,18 @@ class Canvas:
         """Give the driver the heights of a heightfield that changed."""
         mujoco.mjr_uploadHField(model, self._context, hfield)
 
+    def upload_meshes(self, model: mujoco.MjModel) -> None:
+        """Give the driver the vertices of all meshes, which changed."""
+        for mesh in range(model.nmesh):
+            mujoco.mjr_uploadMesh(model, self._context, mesh)
+
+    def read_depth(self) -> NDArray[np.float32]:
+        """Return how far every pixel is, (height, width) in 0…1: nearer is less."""
+        depth = np.empty((self.height, self.width), np.float32)
+        whole = mujoco.MjrRect(0, 0, self.width, self.height)
+        mujoco.mjr_readPixels(None, depth, whole, self._context)
+        return depth[::-1]
+
     def read(self) -> Image:
         """Return a copy of the picture."""
         whole = mujoco.MjrRect(0, 0, self.width, self.height)

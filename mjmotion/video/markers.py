@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from mjmotion.contacts import Contact
 from mjmotion.kinematics import Kinematics, RayCaster, site_id
+from mjmotion.morph.body import MorphBody
+from mjmotion.morph.measure import body_poses
 from mjmotion.motion import Motion
 from mjmotion.video.stage import Stage, without_character
 
@@ -39,8 +41,18 @@ class ContactMarks:
     colour: Array
 
     @classmethod
-    def of(cls, motion: Motion, contacts: Sequence[Contact], *, flat: bool = False) -> ContactMarks:
-        """Return the marks of ``contacts`` in ``motion``; ``flat`` where the ground is level."""
+    def of(
+        cls,
+        motion: Motion,
+        contacts: Sequence[Contact],
+        *,
+        flat: bool = False,
+        body: MorphBody | None = None,
+    ) -> ContactMarks:
+        """Return the marks of ``contacts`` in ``motion``; ``flat`` where the ground is level.
+
+        ``body`` is the character's size in every frame, where that changes.
+        """
         kept = [
             (contact, max(contact.start, 0), min(contact.end, motion.nframe))
             for contact in contacts
@@ -49,7 +61,11 @@ class ContactMarks:
         if not kept:
             none = np.empty(0, np.int64)
             return cls(none, none, np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
-        sites = Kinematics(motion.model, motion.nframe).forward(motion.qpos).site_xpos
+        sites = (
+            Kinematics(motion.model, motion.nframe).forward(motion.qpos).site_xpos
+            if body is None
+            else body_poses(body, motion.qpos).site
+        )
         position = np.array(
             [sites[a:b, site_id(motion.model, c.site)].mean(axis=0) for c, a, b in kept]
         )
