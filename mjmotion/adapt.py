@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from mjmotion.ankles import give
 from mjmotion.assets import find_asset
 from mjmotion.clearance import MARGIN, Obstacle, ObstacleClearance, find_obstacles
-from mjmotion.constraints import SiteConstraint, lay_out
+from mjmotion.constraints import Constraint, SiteConstraint, lay_out
 from mjmotion.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.exceptions import ContactError, SceneError, frame_list
 from mjmotion.fit import (
@@ -208,7 +208,7 @@ def adapt(
     *,
     character: str | Path = "humanoid",
     contacts: Sequence[Contact] | None = None,
-    constraints: Sequence[SiteConstraint] = (),
+    constraints: Sequence[Constraint] = (),
     levels: Sequence[float] | None = None,
     tolerance: float = 1e-4,
     ik: str = "hybrid",
@@ -297,7 +297,7 @@ def adapt(
     )
 
 
-def _within_reach(constraints: Sequence[SiteConstraint], motion: Motion) -> list[SiteConstraint]:
+def _within_reach(constraints: Sequence[Constraint], motion: Motion) -> list[Constraint]:
     """Bring targets for hands and feet as near as a limb and a lean of the body can go.
 
     A target further away would drag the whole body after it, off its footholds.
@@ -305,8 +305,11 @@ def _within_reach(constraints: Sequence[SiteConstraint], motion: Motion) -> list
     model = motion.model
     ends = {limb.end: limb for limb in find_limbs(model)}
     pose = Kinematics(model, motion.nframe).forward(motion.qpos)
-    near = []
+    near: list[Constraint] = []
     for constraint in constraints:
+        if not isinstance(constraint, SiteConstraint):
+            near.append(constraint)
+            continue
         site = model.site(constraint.site)
         limb = ends.get(int(site.bodyid[0]))
         inside = (constraint.frames >= 0).all() and (constraint.frames < motion.nframe).all()
@@ -332,7 +335,7 @@ def stiff_root(model: mujoco.MjModel) -> Array:
 
 def _duck(
     what: Plan,
-    wanted: Sequence[SiteConstraint],
+    wanted: Sequence[Constraint],
     clearance: ObstacleClearance,
     levels: Sequence[float] | None,
 ) -> Motion:

@@ -37,7 +37,7 @@ from mjmotion.scene import save_model
 
 if TYPE_CHECKING:
     from mjmotion.adapt import Adaptation
-    from mjmotion.constraints import SiteConstraint
+    from mjmotion.constraints import Constraint
     from mjmotion.validation import Validation
 
 MOTION, SOURCE, MODEL, CONTACTS = "motion.npz", "source.npz", "model.xml", "contacts.json"
@@ -156,7 +156,7 @@ def write_results(
     adaptation: Adaptation,
     validation: Validation,
     *,
-    constraints: Sequence[SiteConstraint] = (),
+    constraints: Sequence[Constraint] = (),
     video: bool = True,
     title: str = "Adapted motion",
     progress: Callable[[int, int], None] | None = None,

@@ -15,7 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmotion.constraints import SiteConstraint, lay_out
+from mjmotion.constraints import (
+    Constraint,
+    LookAt,
+    RelativeConstraint,
+    SiteConstraint,
+    lay_out,
+)
 from mjmotion.exceptions import frame_list
 from mjmotion.kinematics import Kinematics
 from mjmotion.motion import Motion
@@ -58,16 +64,18 @@ class Missed:
         return f"{self.constraint} at frames {frame_list(self.frames)}, off by {off}"
 
 
-def unmet_wishes(motion: Motion, wishes: Sequence[SiteConstraint]) -> tuple[Missed, ...]:
+def unmet_wishes(motion: Motion, wishes: Sequence[Constraint]) -> tuple[Missed, ...]:
     """Return the user's constraints that a motion does not meet.
 
     Those of a weight below 1 may give way and are not asked after. Where two speak of the same site
-    and frame, the later counts.
+    and frame, the later counts. Sites held to others, gazes and targets that are free to move are
+    measured by the fit, which knows where they went.
 
     Raises:
       ConstraintError: a frame the motion does not have.
       ModelError: an unknown site.
     """
+    wishes = [wish for wish in wishes if isinstance(wish, SiteConstraint) and not wish.free]
     if not wishes:
         return ()
     model = motion.model
@@ -97,7 +105,7 @@ def unmet_wishes(motion: Motion, wishes: Sequence[SiteConstraint]) -> tuple[Miss
 
 
 def all_missed(
-    unmet: Sequence[Unmet], motion: Motion, wishes: Sequence[SiteConstraint] = ()
+    unmet: Sequence[Unmet], motion: Motion, wishes: Sequence[Constraint] = ()
 ) -> tuple[Missed, ...]:
     """Return everything that was not met: the user's wishes first, then what the scene asked.
 
@@ -106,13 +114,21 @@ def all_missed(
       motion: the adapted motion.
       wishes: the user's own constraints.
     """
-    asked: dict[str, set[int]] = {}
+    asked: dict[str, set[int]] = {}  # measured here
+    known: dict[str, set[int]] = {}  # measured by the fit
     for wish in wishes:
-        if wish.position is not None:
-            asked.setdefault(f"position of {wish.site}", set()).update(wish.frames.tolist())
+        frames = wish.frames.tolist()
+        if isinstance(wish, RelativeConstraint):
+            known.setdefault(f"position of {wish.site} to {wish.to}", set()).update(frames)
+        elif isinstance(wish, LookAt):
+            known.setdefault(f"gaze of {wish.site}", set()).update(frames)
+        elif wish.position is not None:
+            names = known if wish.free else asked
+            names.setdefault(f"position of {wish.site}", set()).update(frames)
     rest = []
     for one in unmet:
-        frames = tuple(f for f in one.frames if f not in asked.get(one.constraint, ()))
-        if frames:
-            rest.append(Missed(one.constraint, frames, one.residual_mm))
+        others = tuple(f for f in one.frames if f not in asked.get(one.constraint, ()))
+        if others:
+            own = bool(known.get(one.constraint, set()) & set(others))
+            rest.append(Missed(one.constraint, others, one.residual_mm, own=own))
     return (*unmet_wishes(motion, wishes), *rest)

@@ -26,7 +26,7 @@ from mjmotion.commands.terminal import (
 
 if TYPE_CHECKING:
     from mjmotion.adapt import Adaptation
-    from mjmotion.constraints import SiteConstraint
+    from mjmotion.constraints import Constraint
     from mjmotion.validation import Validation
     from mjmotion.validation.thresholds import Threshold
 
@@ -58,7 +58,7 @@ def write(
     bar: Bar,
     *,
     title: str,
-    constraints: Sequence[SiteConstraint] = (),
+    constraints: Sequence[Constraint] = (),
 ) -> Validation:
     """Measure an adaptation and write everything of it into a folder that is there.
 
@@ -98,7 +98,7 @@ def tell(
     validation: Validation,
     *,
     title: str,
-    constraints: Sequence[SiteConstraint] = (),
+    constraints: Sequence[Constraint] = (),
 ) -> int:
     """Say what came of it: levels, figures, what is not met, and where the files are.
 

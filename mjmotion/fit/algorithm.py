@@ -16,6 +16,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -236,7 +237,7 @@ def over_all_frames(targets: Targets, nframe: int) -> Targets:
 
 def _spread_out(
     one: Link | Gaze, names: Sequence[str], frames: NDArray[np.int64], nframe: int
-) -> dict[str, Array]:
+) -> dict[str, Any]:
     """Return fields of a link or gaze for every frame: zero, or upright, where it says nothing."""
     spread = {}
     for name in names:

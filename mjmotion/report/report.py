@@ -24,7 +24,7 @@ from mjmotion.wishes import all_missed
 
 if TYPE_CHECKING:
     from mjmotion.adapt import Adaptation
-    from mjmotion.constraints import SiteConstraint
+    from mjmotion.constraints import Constraint
     from mjmotion.report.page import Picture
 
 _JSON, _PAGE = "report.json", "report.html"
@@ -63,7 +63,7 @@ class Report:
         adaptation: Adaptation,
         validation: Validation | None = None,
         *,
-        constraints: Sequence[SiteConstraint] = (),
+        constraints: Sequence[Constraint] = (),
         title: str = "Adapted motion",
     ) -> Report:
         """Return the report of what ``adapt`` returned, validated here unless it was already.
