@@ -19,30 +19,26 @@ only these; they are few, and go to the numeric solver.
 
 from __future__ import annotations
 
-import dataclasses
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.bones import Bones
 from mjmotion.constraints import Targets
-from mjmotion.coupling import Coupling, coupling
+from mjmotion.ik.body import Base, Reduced
 from mjmotion.ik.limb import Limb, Limbs, LimbState, find_limbs, limbs_of
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import Clearance, Solution, default_weights
-from mjmotion.kinematics import body_dofs, body_pose
 from mjmotion.rotations import (
     conjugate,
-    cross,
     dot,
     exp,
     log,
     multiply,
     norm,
     rotate,
-    to_matrix,
 )
+from mjmotion.shared import Sensitivity
 
 Array = NDArray[np.float64]
 
@@ -72,8 +68,9 @@ class HybridIK:
         self.bones = Bones.of(model) if bones is None else bones
         self._numeric = NumericIK(model, self.weights, bones=bones)
         self._ends = {limb.end: limb for limb in find_limbs(model)}
-        self._kept: _Reduced | None = None
-        self._fixed: tuple[Targets, Array] | None = None
+        self._kept: Reduced | None = None
+        self._last: tuple[Array, Limbs, LimbState] | None = None
+        self._fixed: tuple[Array, Array] | None = None
         self._plan: tuple[bytes, Limbs | None, NDArray[np.bool_]] | None = None
 
     def solve(
@@ -84,14 +81,12 @@ class HybridIK:
         error = np.zeros(len(qpos))
         limbs, closable, other = self._split(targets)
         if limbs is not None:
-            state = limbs.state(qpos)
+            state = self._state(limbs, qpos)
             goal, end, error = self._goals(limbs, state, closable)
             d0 = limbs.close(state, goal, end)
-            near = error.max(initial=0.0) < KEEP_WITHIN * float(limbs.reach.min())
-            if not (near and self._kept is not None and self._kept.targets is closable):
-                self._kept = self._reduce(qpos, limbs, state, closable)
-            base = self._kept.base
-            body, step = self._body_step(limbs, self._kept, d0, goal)
+            reduced = self._reduced(qpos, limbs, state, closable, error)
+            base = reduced.base
+            body, step = self._body_step(limbs, reduced, d0, goal)
             displacement[:, base.dofs] = base.spread(body)
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
         if inequalities is not None:
@@ -119,6 +114,58 @@ class HybridIK:
             few = self._numeric.enforce(qpos[rows], targets.at(rows))
             displacement[rows], error[rows] = few.displacement, few.error
         return Solution(displacement, error, rise)
+
+    def sensitivity(self, qpos: Array, targets: Targets) -> Sensitivity:
+        """Return what the frames' deviations cost when their targets change; see the protocol.
+
+        A limb's joints follow its end as they follow its base, the other way; what the body makes
+        up for is taken out through the reduced problem. Where a site is on no limb's end, the
+        numeric solver answers.
+        """
+        limbs, closable, _ = self._split(targets)
+        if limbs is None or len(closable.sites) < len(targets.sites):
+            return self._numeric.sensitivity(qpos, targets)
+        state = self._state(limbs, qpos)
+        goal, end, error = self._goals(limbs, state, closable)
+        d0 = limbs.close(state, goal, end)
+        reduced = self._reduced(qpos, limbs, state, closable, error)
+        follow = reduced.follow_ends(limbs, closable)
+        rest = d0 * reduced.root
+        rest -= dot(rest, reduced.swivel)[..., None] * reduced.swivel
+        rows = reduced.rows
+        count, nlimb = follow.shape[:2]
+        by_body = rows.reshape(count, -1, nlimb, 7).swapaxes(1, 2) @ follow  # (n, nlimb, nbase, 6)
+        by_body = by_body.swapaxes(1, 2).reshape(count, -1, 6 * nlimb)
+        felt = rows @ rest.reshape(count, -1, 1)
+        solved = np.linalg.solve(reduced.matrix, np.concatenate((by_body, felt), axis=2))
+        gradient = (follow.swapaxes(2, 3) @ rest[..., None]).reshape(count, -1, 1)
+        gradient = (gradient - by_body.swapaxes(1, 2) @ solved[:, :, -1:])[..., 0]
+        hessian = -by_body.swapaxes(1, 2) @ solved[:, :, :-1]
+        hessian = hessian.reshape(count, nlimb, 6, nlimb, 6)
+        own = np.arange(nlimb)
+        hessian[:, own, :, own] += (follow.swapaxes(2, 3) @ follow).swapaxes(0, 1)
+        # What is not held does not answer.
+        held = np.stack((targets.position_weight, targets.turn_weight), axis=-1)
+        held = np.repeat(held > 0.0, 3, axis=-1)
+        gradient = gradient.reshape(count, nlimb, 6) * held
+        return Sensitivity(gradient, hessian * held[..., None, None] * held[:, None, None])
+
+    def _state(self, limbs: Limbs, qpos: Array) -> LimbState:
+        """Return where the limbs are; the same poses are asked about twice in a level."""
+        if self._last is None or self._last[0] is not qpos or self._last[1] is not limbs:
+            self._last = (qpos, limbs, limbs.state(qpos))
+        return self._last[2]
+
+    def _reduced(
+        self, qpos: Array, limbs: Limbs, state: LimbState, targets: Targets, error: Array
+    ) -> Reduced:
+        """Return the reduced problem: of now, or while errors are small that of a level before."""
+        near = error.max(initial=0.0) < KEEP_WITHIN * float(limbs.reach.min())
+        kept = self._kept
+        if kept is not None and kept.frames is targets.frames and (near or kept.qpos is qpos):
+            return kept
+        self._kept = self._reduce(qpos, limbs, state, targets)
+        return self._kept
 
     def _split(self, targets: Targets) -> tuple[Limbs | None, Targets, NDArray[np.bool_]]:
         """Return the limbs to close, their targets, and which frames (n,) hold something else.
@@ -174,17 +221,17 @@ class HybridIK:
 
     def _end_quat(self, targets: Targets) -> Array:
         """Return the orientations of the ends that targets ask for, kept from level to level."""
-        if self._fixed is None or self._fixed[0] is not targets:
+        if self._fixed is None or self._fixed[0] is not targets.quat:
             to_end = conjugate(self.model.site_quat[targets.sites])
-            self._fixed = (targets, multiply(targets.quat, to_end))
+            self._fixed = (targets.quat, multiply(targets.quat, to_end))
         return self._fixed[1]
 
-    def _reduce(self, qpos: Array, limbs: Limbs, state: LimbState, targets: Targets) -> _Reduced:
+    def _reduce(self, qpos: Array, limbs: Limbs, state: LimbState, targets: Targets) -> Reduced:
         """Find how all joints follow the body while the limbs stay closed (T), swivels taken out.
 
         A swivel couples its own limb only: each column of T keeps just what no swivel makes up for.
         """
-        base = _Base(self.model, limbs, qpos, state, self.weights)
+        base = Base(self.model, limbs, qpos, state, self.weights)
         moving, turning, swivel = limbs.closure(state)
         turn, move = base.twist(state.ankle)
         follow = np.empty((len(qpos), len(base.weights), *swivel.shape[1:]))
@@ -200,10 +247,12 @@ class HybridIK:
         matrix = rows @ rows.swapaxes(1, 2)
         index = np.arange(len(base.weights))
         matrix[:, index, index] += base.weights
-        return _Reduced(targets, base, swivel, rows, matrix, root)
+        return Reduced(
+            qpos, targets.frames, base, swivel, rows, matrix, root, (moving, turning), state
+        )
 
     def _body_step(
-        self, limbs: Limbs, reduced: _Reduced, d0: Array, goal: Array
+        self, limbs: Limbs, reduced: Reduced, d0: Array, goal: Array
     ) -> tuple[Array, Array]:
         """Solve ``(Tᵀ M T) z = −Tᵀ M d0``: moves of the body (n, nbase) and limbs (n, nlimb, 7)."""
         rest = d0 * reduced.root
@@ -221,7 +270,7 @@ class HybridIK:
     def _pull_into_reach(
         self,
         limbs: Limbs,
-        base: _Base,
+        base: Base,
         goal: Array,
         far: NDArray[np.bool_],
         matrix: Array,
@@ -237,18 +286,6 @@ class HybridIK:
         pull = pull * (REACH_PENALTY**0.5 * far[rows])[..., None]
         matrix[rows] += np.einsum("nkb,nkc->nbc", pull, pull)
         right[rows] += (REACH_PENALTY**0.5 * np.einsum("nkb,nk->nb", pull, over))[..., None]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Reduced:
-    """The reduced problem, weighted: swivels (n, nlimb, 7) and T (n, nbase, nlimb · 7)."""
-
-    targets: Targets
-    base: _Base
-    swivel: Array
-    rows: Array
-    matrix: Array
-    root: Array
 
 
 def _rise(limbs: Limbs, state: LimbState, goal: Array) -> Array:
@@ -270,103 +307,3 @@ def _rise(limbs: Limbs, state: LimbState, goal: Array) -> Array:
         order = np.argsort(np.abs(short))  # the limb that is furthest off decides
         rise[rows[order]] = (np.sign(apart[:, 2]) * short)[order]
     return rise
-
-
-class _Base:
-    """Degrees of freedom between the world and the limbs' bases, in the bases' own frames.
-
-    Attributes:
-      dofs: (m,) the degrees of freedom.
-      weights: (nbase,) rigidity of each parameter: as many, less those that follow others (§4.2).
-    """
-
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        limbs: Limbs,
-        qpos: Array,
-        state: LimbState,
-        weights: Array,
-    ) -> None:
-        # (nlimb, nbase) which of them carry which limb
-        carried = np.stack([body_dofs(model, limb.base) for limb in limbs.limbs])
-        self.dofs = np.flatnonzero(carried.any(axis=0))
-        self._fold, self.weights = _fold(coupling(model), self.dofs, weights)
-        self._moves = None if carried[:, self.dofs].all() else carried[:, self.dofs]
-        frame = to_matrix(state.base_quat)
-        count = len(self.dofs)
-        shape = (len(qpos), len(limbs), count, 3)
-        self._turn, self._move = np.zeros(shape), np.zeros(shape)
-        self._arm = np.zeros(shape)  # from each axis to the limb's hip
-        self._turning = np.ones(count, dtype=bool)
-        column = 0
-        while column < count:
-            joint = int(model.dof_jntid[self.dofs[column]])
-            body = int(model.jnt_bodyid[joint])
-            position, quat = body_pose(model, qpos, body, limbs.bones)
-            pivot = limbs.bones.jnt_pos[..., joint, :]
-            kind = mujoco.mjtJoint(int(model.jnt_type[joint]))
-            own = all(limb.base == body for limb in limbs.limbs)
-            if kind == mujoco.mjtJoint.mjJNT_FREE:
-                self._move[:, :, column : column + 3] = frame
-                self._turning[column : column + 3] = False
-                column += 3
-            if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
-                width = 3
-                axis = np.eye(3) if own else np.swapaxes(to_matrix(quat), 1, 2)[:, None] @ frame
-            else:
-                local = rotate(quat, np.broadcast_to(model.jnt_axis[joint], position.shape))
-                axis, width = local[:, None, None] @ frame, 1
-                self._turning[column] = kind == mujoco.mjtJoint.mjJNT_HINGE
-            columns = slice(column, column + width)
-            if self._turning[column]:
-                if own and not np.any(pivot):
-                    arm = limbs.hip_pos[..., None, :]  # the base turns about its own origin
-                else:
-                    anchor = position + rotate(quat, np.broadcast_to(pivot, position.shape))
-                    arm = (state.hip - anchor[:, None])[:, :, None] @ frame
-                self._turn[:, :, columns], self._arm[:, :, columns] = axis, arm
-            else:
-                self._move[:, :, columns] = axis
-            column += width
-
-    def twist(self, point: Array, rows: NDArray[np.int64] | None = None) -> tuple[Array, Array]:
-        """Return what each dof does at ``point``, hip to point (n, nlimb, 3) in the base's frame.
-
-        Returns:
-          turning and moving (n, nlimb, nbase, 3), of the frames ``rows`` or of all.
-        """
-        chosen = slice(None) if rows is None else rows
-        turn = self._turn[chosen]
-        move = cross(turn, self._arm[chosen] + point[:, :, None]) + self._move[chosen]
-        if self._moves is not None:
-            moves = self._moves[None, :, :, None]
-            turn, move = turn * moves, move * moves
-        if self._fold is None:
-            return turn, move
-        fold = self._fold.T
-        return fold @ np.broadcast_to(turn, move.shape), fold @ move
-
-    def spread(self, parameters: Array) -> Array:
-        """Return displacements (n, m) of :attr:`dofs` for parameters (n, nbase)."""
-        return parameters if self._fold is None else parameters @ self._fold.T
-
-
-def _fold(coupled: Coupling, dofs: NDArray[np.int64], weights: Array) -> tuple[Array | None, Array]:
-    """Return what each parameter does to ``dofs`` (m, nbase), and the parameters' weights.
-
-    None stands for the identity: no degree of freedom follows another.
-    """
-    inside = np.isin(coupled.follower, dofs)
-    if not inside.any():
-        return None, weights[dofs]
-    fold = np.eye(len(dofs))
-    place = {int(dof): index for index, dof in enumerate(dofs)}
-    following = []
-    for row in np.flatnonzero(inside):
-        leader, follower = place[int(coupled.leader[row])], place[int(coupled.follower[row])]
-        fold[follower] = 0.0
-        fold[follower, leader] = coupled.ratio[row]
-        following.append(follower)
-    fold = np.delete(fold, following, axis=1)
-    return fold, fold.T**2 @ weights[dofs]

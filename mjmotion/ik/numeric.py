@@ -33,6 +33,7 @@ from mjmotion.ik.solver import (
 )
 from mjmotion.kinematics import Kinematics, Pose, body_dofs
 from mjmotion.rotations import cross, from_matrix, log, to_matrix
+from mjmotion.shared import Sensitivity
 from mjmotion.tangent import ominus, oplus
 
 Array = NDArray[np.float64]
@@ -81,6 +82,35 @@ class NumericIK:
         freedom = np.array(np.broadcast_to(self._freedom(), (len(qpos), self.model.nv)))
         freedom[:, :6] *= 1e-3
         return self._descend(qpos, targets, None, freedom, self.iterations + 4)
+
+    def sensitivity(self, qpos: Array, targets: Targets) -> Sensitivity:
+        """Return what the frames' deviations cost when their targets change; see the protocol.
+
+        The multipliers of the least-deviation step are the gradient, and the inverse of its dual
+        matrix the Hessian.
+        """
+        pose = self._pose(qpos, targets.frames)
+        dofs = self._dofs(targets, everything=False)
+        jacobian, error, compliance = self._equalities(pose, targets, dofs)
+        dual = (jacobian * self._freedom()[dofs]) @ np.swapaxes(jacobian, 1, 2)
+        index = np.arange(dual.shape[1])
+        dual[:, index, index] += compliance + _RIDGE
+        inverse = np.linalg.inv(dual)
+        present = (jacobian != 0.0).any(axis=2)
+        inverse *= present[:, :, None] * present[:, None, :]
+        row, place = 0, []
+        for column in range(len(targets.sites)):
+            for part, weight in enumerate((targets.position_weight, targets.turn_weight)):
+                if weight[:, column].any():
+                    place.append(6 * column + 3 * part + np.arange(3))
+                    row += 3
+        at = np.concatenate(place)
+        count, size = len(qpos), 6 * len(targets.sites)
+        gradient, hessian = np.zeros((count, size)), np.zeros((count, size, size))
+        gradient[:, at] = (inverse @ error[..., None])[:, :row, 0]
+        hessian[:, at[:, None], at] = inverse[:, :row, :row]
+        shape = (count, len(targets.sites), 6)
+        return Sensitivity(gradient.reshape(shape), hessian.reshape(*shape, *shape[1:]))
 
     def _freedom(self) -> Array:
         """Inverse rigidity (nv,); joints that follow others have none of their own."""
