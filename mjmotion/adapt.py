@@ -36,8 +36,8 @@ from mjmotion.fit import (
     over_all_frames,
     residuals,
 )
-from mjmotion.footholds import Foothold, find_feet, find_footholds, find_stances
-from mjmotion.footpaths import FootPath, foot_path
+from mjmotion.footholds import Foothold, Stance, find_feet, find_footholds, find_stances
+from mjmotion.footpaths import FootPath, foot_path, free_footholds
 from mjmotion.ik.limb import find_limbs, limbs_of
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import default_weights
@@ -46,6 +46,7 @@ from mjmotion.motion import Motion
 from mjmotion.rotations import multiply, rotate, yaw_quat
 from mjmotion.scene import Scene, compose
 from mjmotion.scene.ground import Ground
+from mjmotion.shared import SharedMove
 from mjmotion.smoothing import cover
 from mjmotion.spline import fit_level, fit_multilevel
 from mjmotion.tangent import oplus
@@ -92,7 +93,8 @@ class Plan:
       source: the clip placed at the scene's start, on the character's model.
       contacts: who stands when.
       paths: where each foot goes.
-      footholds: what it stands on.
+      stances: the feet's stays on one spot.
+      footholds: what it stands on, one a stance.
       root_shift: (nframe, 3) the first guess of §4.5 [m].
       obstacles: what to keep clear of.
     """
@@ -100,6 +102,7 @@ class Plan:
     source: Motion
     contacts: tuple[Contact, ...]
     paths: tuple[FootPath, ...]
+    stances: tuple[Stance, ...]
     footholds: tuple[Foothold, ...]
     root_shift: Array
     obstacles: tuple[Obstacle, ...]
@@ -111,6 +114,11 @@ class Plan:
             SiteConstraint(path.site, frames, path.position, path.quat, contact=True)
             for path in self.paths
         ]
+
+    def free_footholds(self) -> list[SharedMove]:
+        """One unknown move for every stance, in the plane of its foothold (§7)."""
+        feet = find_feet(self.source.model)
+        return free_footholds(feet, self.stances, self.footholds, self.source.nframe)
 
 
 def place(clip: Motion, scene: Scene) -> Motion:
@@ -156,7 +164,7 @@ def plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = None) 
         paths, found = given, standing
         shift = root_shift(source, pose, paths)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
-    return Plan(source, found, paths, footholds, shift, obstacles)
+    return Plan(source, found, paths, stances, footholds, shift, obstacles)
 
 
 def _shifted(motion: Motion, shift: Array) -> Motion:

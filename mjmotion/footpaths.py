@@ -29,6 +29,7 @@ from mjmotion.rotations import (
     yaw_quat,
 )
 from mjmotion.scene.ground import Ground
+from mjmotion.shared import SharedMove
 from mjmotion.smoothing import blend, cover, envelope, fade
 
 Array = NDArray[np.float64]
@@ -139,6 +140,48 @@ class _Holds:
         return np.where(self.flat[:, None], self.position, point - rotate(quat, local))
 
 
+def free_footholds(
+    feet: Sequence[Foot],
+    stances: Sequence[Stance],
+    footholds: Sequence[Foothold],
+    nframe: int,
+) -> list[SharedMove]:
+    """Return one shared move a stance (§7): its foothold is free in its own plane, and to turn.
+
+    The paths of the swings before and after follow, as they follow a foothold that is elsewhere.
+    """
+    moves = []
+    for index, foot in enumerate(feet):
+        mine = [(s, f) for s, f in zip(stances, footholds, strict=True) if s.foot == index]
+        for number, (stance, foothold) in enumerate(mine):
+            begin = mine[number - 1][0].end if number > 0 else 0
+            end = mine[number + 1][0].start if number + 1 < len(mine) else nframe
+            share = np.ones(end - begin)
+            before, after = stance.start - begin, end - stance.end
+            if number > 0:
+                share[:before] = ease((np.arange(before) + 1.0) / (before + 1.0))
+            if number + 1 < len(mine):
+                rest = share[stance.end - begin :]
+                rest[:] = 1.0 - ease((np.arange(after) + 1.0) / (after + 1.0))
+            level = rotate(foothold.quat, np.eye(3)[:2])
+            moves.append(
+                SharedMove(
+                    foot.site,
+                    np.arange(begin, end),
+                    share,
+                    foothold.position,
+                    level - (level @ foothold.normal)[:, None] * foothold.normal,
+                    foothold.normal,
+                )
+            )
+    return moves
+
+
+def ease(s: Array) -> Array:
+    """Return a smooth rise from 0 to 1 for s in [0, 1]; speed and acceleration are 0 at its ends."""
+    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s * s))
+
+
 def _carry(mine: Sequence[tuple[Stance, Foothold]], nframe: int) -> tuple[Array, Array]:
     """Shift (nframe, 3) and turn (nframe, 4) from the source: constant in stance, eased else."""
     shift, turn = np.empty((nframe, 3)), np.empty((nframe, 4))
@@ -151,10 +194,10 @@ def _carry(mine: Sequence[tuple[Stance, Foothold]], nframe: int) -> tuple[Array,
             end, old_move, old_turn = previous
             count = stance.start - end
             s = (np.arange(count) + 1.0) / (count + 1.0)
-            ease = (s**3 * (10.0 - 15.0 * s + 6.0 * s * s))[:, None]
-            shift[end : stance.start] = old_move + ease * (move - old_move)
+            share = ease(s)[:, None]
+            shift[end : stance.start] = old_move + share * (move - old_move)
             between = log(multiply(rotation, conjugate(old_turn)))
-            turn[end : stance.start] = multiply(exp(ease * between), np.tile(old_turn, (count, 1)))
+            turn[end : stance.start] = multiply(exp(share * between), np.tile(old_turn, (count, 1)))
             shift[stance.start : stance.end], turn[stance.start : stance.end] = move, rotation
         previous = (stance.end, move, rotation)
     assert previous is not None
