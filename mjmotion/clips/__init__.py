@@ -44,13 +44,10 @@ SUFFIXES = (".bvh", ".amc", ".npz", ".csv")
 
 def builtin_clips() -> dict[str, Callable[[mujoco.MjModel], Motion]]:
     """Return the clips that need no file: name to a function that makes the motion on a model."""
-    try:
-        from mjmotion.clips.gait import BUILTIN
-    except ModuleNotFoundError as error:
-        if error.name != "mjmotion.clips.gait":
-            raise
-        return {}
-    return dict(BUILTIN)
+    from mjmotion.clips.climb import make_climb
+    from mjmotion.clips.gait import BUILTIN
+
+    return {**BUILTIN, "climb": make_climb}
 
 
 def read_clip(path: str | Path, *, fps: float | None = None) -> Clip:
