@@ -19,10 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.clips.gait_feet import (
-    FootShape,
     Swing,
+    both_feet,
     find_swing,
-    foot_motion,
     foot_shape,
     swing_phases,
 )
@@ -102,7 +101,7 @@ def make_walk(
       ModelError: the model is not the humanoid: joints, sites or limbs are missing.
       ClipError: segments, stride, speed or time that make no walk.
     """
-    _check_model(model)
+    check_model(model)
     for name, value, low, high in (
         ("stride", stride, 0.5, 1.9),
         ("speed", speed, 0.3, 2.2),
@@ -123,7 +122,8 @@ def make_walk(
     return Motion(model, _poses(model, path, path.phase(times), stride), fps)
 
 
-def _check_model(model: mujoco.MjModel) -> None:
+def check_model(model: mujoco.MjModel) -> None:
+    """Raise ModelError unless a model has the joints and sites of the humanoid."""
     names = {model.joint(i).name for i in range(model.njnt)}
     missing = [name for name in JOINTS if name not in names]
     if missing:
@@ -147,7 +147,8 @@ def _poses(model: mujoco.MjModel, path: Path, psi: Array, stride: float) -> Arra
     shapes = [foot_shape(model, side) for side in SIDES]
     swing = _table_swing(model, table)
     scale = min(stride / STRIDE, 1.2)
-    feet = partial(_feet, path, shapes, swing)
+    steps = [plan_steps(path, side, _WIDTHS, _TOE_OUT) for side in SIDES]
+    feet = partial(both_feet, steps, shapes, swing)
     # How high the pelvis can be is found on a grid of its own, so that no frame rate changes it.
     grid = path.psi[::2]
     body = _body(model, table, path, grid, scale)
@@ -202,19 +203,6 @@ def _body(model: mujoco.MjModel, table: GaitTable, path: Path, psi: Array, scale
     return qpos
 
 
-def _feet(path: Path, shapes: Sequence[FootShape], swing: Swing, psi: Array) -> tuple[Array, Array]:
-    """Return ankles (n, 2, 3) [m] and orientations (n, 2, 4) of both feet."""
-    places, turns = [], []
-    for side, shape in zip(SIDES, shapes, strict=True):
-        steps = plan_steps(path, side, _WIDTHS, _TOE_OUT)
-        foot = foot_motion(steps, psi, shape, swing)
-        zero = np.zeros_like(psi)
-        pitch = exp(np.column_stack((zero, foot[:, 3], zero)))
-        places.append(foot[:, :3])
-        turns.append(multiply(yaw_quat(foot[:, 4]), pitch))
-    return np.stack(places, axis=1), np.stack(turns, axis=1)
-
-
 def _table_swing(model: mujoco.MjModel, table: GaitTable) -> Swing:
     """Return what the table's left foot does in its swing, on a straight walk."""
     psi = swing_phases()
@@ -246,6 +234,12 @@ def _part(segments: Sequence[Segment], model: mujoco.MjModel) -> Motion:
     return make_walk(model, segments=segments)
 
 
+def _sneak(model: mujoco.MjModel) -> Motion:
+    from mjmotion.clips.sneak import make_sneak  # it is built on this module
+
+    return make_sneak(model)
+
+
 BUILTIN: dict[str, Callable[[mujoco.MjModel], Motion]] = {
     "walk": _walk,
     "start": partial(_part, (Segment("start"), Segment("straight", 1.0))),
@@ -253,4 +247,5 @@ BUILTIN: dict[str, Callable[[mujoco.MjModel], Motion]] = {
     "turn_left": partial(_part, (Segment("turn_left", 2.0),)),
     "turn_right": partial(_part, (Segment("turn_right", 2.0),)),
     "stop": partial(_part, (Segment("straight", 1.0), Segment("stop"))),
+    "sneak": _sneak,
 }

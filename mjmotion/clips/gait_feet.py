@@ -8,13 +8,14 @@ and soon after the one and before the other has the speed and acceleration of th
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.clips.gait_plan import Steps, ease
+from mjmotion.rotations import exp, multiply, yaw_quat
 
 Array = NDArray[np.float64]
 
@@ -141,6 +142,24 @@ def foot_motion(
     return result
 
 
+def both_feet(
+    steps: Sequence[Steps],
+    shapes: Sequence[FootShape],
+    swing: Swing,
+    psi: Array,
+    roll: Roll = WALKING,
+) -> tuple[Array, Array]:
+    """Return ankles (n, 2, 3) [m] and orientations (n, 2, 4) of both feet at phases (n,)."""
+    places, turns = [], []
+    for stances, shape in zip(steps, shapes, strict=True):
+        foot = foot_motion(stances, psi, shape, swing, roll)
+        zero = np.zeros_like(psi)
+        pitch = exp(np.column_stack((zero, foot[:, 3], zero)))
+        places.append(foot[:, :3])
+        turns.append(multiply(yaw_quat(foot[:, 4]), pitch))
+    return np.stack(places, axis=1), np.stack(turns, axis=1)
+
+
 def _hump(u: Array) -> Array:
     """Return a hump of height 1 that begins and ends without rate and rate of rate."""
     return (4.0 * u * (1.0 - u)) ** 3
@@ -239,11 +258,15 @@ class Swing:
         return joined
 
 
+def swing_shares() -> Array:
+    """Return the shares of a swing (m,) that a :class:`Swing` is given at."""
+    beyond = 4.0 / _SAMPLES
+    return np.linspace(-beyond, 1.0 + beyond, _SAMPLES + 9)
+
+
 def swing_phases() -> Array:
     """Return the phases at which :func:`find_swing` wants the table's foot."""
-    beyond = 4.0 / _SAMPLES
-    u = np.linspace(-beyond, 1.0 + beyond, _SAMPLES + 9)
-    return TOE_OFF + (1.0 - TOE_OFF) * u
+    return TOE_OFF + (1.0 - TOE_OFF) * swing_shares()
 
 
 def find_swing(forward: Array, up: Array, pitch: Array) -> Swing:
@@ -254,7 +277,7 @@ def find_swing(forward: Array, up: Array, pitch: Array) -> Swing:
       up: its height (m,) [m].
       pitch: the foot's, toes down positive (m,) [rad].
     """
-    u = (swing_phases() - TOE_OFF) / (1.0 - TOE_OFF)
+    u = swing_shares()
     first, last = 4, len(u) - 5
     way = float(forward[last] - forward[first])
     columns = [(forward - forward[first]) / way]
