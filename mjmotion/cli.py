@@ -24,7 +24,7 @@ from mjmotion.exceptions import MotionError
 
 OK, BROKEN, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130  # exit codes
 
-COMMANDS = ("demo", "adapt", "validate", "render", "info", "scene")  # in the order of the help
+COMMANDS = ("demo", "adapt", "validate", "render", "info", "scene", "character")  # in the order of the help
 
 
 class _Parser(argparse.ArgumentParser):
