@@ -6,10 +6,11 @@
 A *limb* is one of two subtrees that hang from the trunk, have joints of the same kinds in the same
 order, weigh the same and reach as far. The pair that reaches lowest at ``qpos0`` is the legs; of
 the others the longest is the arms. The trunk is what joins the root and both pairs; the head is the
-highest of what else hangs from it, or, where it has no body of its own, the geoms of the trunk above
-the shoulders. Knee and elbow are the joints nearest to the middle of their limb that do not merely
-twist it; the foot is what begins below a sixth of the leg. Names decide only where shape does not:
-which of two equally low pairs is the legs, what is a collar bone or a wrist, which geom is a head.
+highest of what else hangs from it, or, where it has no body of its own, the geoms of the trunk
+above the shoulders. Knee and elbow are the joints nearest to the middle of their limb that do not
+merely twist it; the foot is what begins below a sixth of the leg. Names decide only where shape
+does not: which of two equally low pairs is the legs, what is a collar bone or a wrist, which geom
+is a head.
 """
 
 from __future__ import annotations

@@ -91,7 +91,7 @@ def _matched(axes: Array, like: Array) -> tuple[tuple[int, ...], Array]:
 
 
 def _turned(old: Array, new: Array) -> Array:
-    """Return the least turn (3, 3) from one unit direction to another, less than a half turn away."""
+    """Return the least turn (3, 3) from one unit direction to another, not its opposite."""
     axis = np.cross(old, new)
     skew = np.array(((0, -axis[2], axis[1]), (axis[2], 0, -axis[0]), (-axis[1], axis[0], 0)))
     return np.asarray(np.eye(3) + skew + skew @ skew / (1.0 + float(old @ new)))

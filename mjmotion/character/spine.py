@@ -3,9 +3,9 @@
     spec = flexible_spine(load_spec("humanoid"))
 
 The torso's one body becomes lower back, middle back and chest, one above the other, with the arms
-and the neck on the chest. Their ball joints turn by given shares of one rotation vector ``w``: joint
-i is ``exp(share_i · w)``, which the tuple ``couple_spine`` says. At rest the body has the shape, mass,
-centre of mass and inertia that it had.
+and the neck on the chest. Their ball joints turn by given shares of one rotation vector ``w``:
+joint i is ``exp(share_i · w)``, which the tuple ``couple_spine`` says. At rest the body has the
+shape, mass, centre of mass and inertia that it had.
 """
 
 from __future__ import annotations
@@ -234,7 +234,7 @@ class _Segments:
 
 
 def _transport(source: Array, target: Array) -> Array:
-    """Return the symmetric map ``A`` with ``A source A = target``, for positive definite matrices."""
+    """Return the symmetric map ``A`` with ``A source A = target``, both positive definite."""
     root = _root(source)
     back = np.linalg.inv(root)
     return np.asarray(back @ _root(root @ target @ root) @ back)
