@@ -35,6 +35,7 @@ from mjmotion.fit.result import (
     other_residuals,
     residuals,
 )
+from mjmotion.fit.submap import fit_submap
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import Clearance, IKSolver
@@ -136,7 +137,12 @@ def fit(
         if traced and last_error <= tolerance:
             break
         if len(frames):
-            submap = fit_level(frames, displacement, motion.nframe, spacing, passes=_PASSES)
+            if clearance is None:
+                submap = fit_submap(
+                    motion.model, targets, displacement, motion.nframe, spacing, _PASSES
+                )
+            else:  # what is to be kept clear may ask any joint in any frame
+                submap = fit_level(frames, displacement, motion.nframe, spacing, passes=_PASSES)
             qpos = couple(motion.model, oplus(motion.model, qpos, submap))
         traced.append((spacing, time.perf_counter() - start, last_error))
         if progress is not None:
