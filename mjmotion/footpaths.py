@@ -46,6 +46,7 @@ SHORT_LIFT_TIME = 0.03  # scale of that [s]
 SCRAPE = 0.001  # how far a foot may scrape before it is [m]
 CLEARANCE = 0.022  # most clearance that a swing is given on its own account [m]
 CLEARANCE_MORE = 0.0015  # clearance that a swing gets over its source's, up to that [m]
+FREE_RIGIDITY = 100.0  # α of a free foothold: 10 cm cost what 1 rad of a joint does [1/m²]
 _INSIST = 60.0  # how much what a contact allows counts against smoothness
 CLEARANCE_TIME = 0.1  # time from a stance in which a swing comes to its clearance [s]
 PULL_BACK = 0.7  # share of a swing in which a foot may be held back from a step, at either end
@@ -172,13 +173,14 @@ def free_footholds(
                     foothold.position,
                     level - (level @ foothold.normal)[:, None] * foothold.normal,
                     foothold.normal,
+                    rigidity=FREE_RIGIDITY,
                 )
             )
     return moves
 
 
 def ease(s: Array) -> Array:
-    """Return a smooth rise from 0 to 1 for s in [0, 1]; speed and acceleration are 0 at its ends."""
+    """Return a smooth rise from 0 to 1 for s in [0, 1], level at both ends."""
     return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s * s))
 
 

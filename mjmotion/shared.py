@@ -14,6 +14,7 @@ the cost stays linear in frames.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Sequence
 
@@ -29,8 +30,11 @@ from mjmotion.rotations import cross, exp, multiply, normalized, rotate, to_matr
 
 Array = NDArray[np.float64]
 
-RIGIDITY = 1e-3  # α of a move, so that one on which nothing depends stays where it is [1/m²]
+RIGIDITY = 1e-3  # α of a move on which nothing else depends, so that it stays [1/m²]
 STEP_LIMIT = 0.25  # the most that a move changes at one level [m or rad]
+STIFFER = 10.0  # how much stiffer a move becomes that asks too much of joints
+SETTLED = 1e-4  # a move that changes less at a level is settled [m or rad]
+_MOSTLY = 0.5  # share from which a frame speaks for a move
 _WIDTH = 4  # unknowns of a move: three directions and a turn
 
 
@@ -168,75 +172,109 @@ class SharedMoves:
             if move.axis is not None:
                 self._axis[number], free[number, 3] = move.axis, True
         self._free = free
-        self._rigidity = np.array([move.rigidity for move in moves])[:, None]
-        self._pairs = self._meeting()
+        self._rigidity = np.array([float(move.rigidity) for move in moves])[:, None]
+        self._rounds = self._turns()
+        self._pairs, self._blocks = self._meeting()
 
     def moved(self, values: Array) -> Targets:
         """Return the targets after moves (nmove, 4): along the directions [m], and turns [rad]."""
         targets = self._targets
         position, quat = targets.position.copy(), targets.quat.copy()
-        # A target in two moves is moved by one after the other.
-        for number in range(len(self._moves)):
-            mine = self._entries(number)
-            where = (self._row[mine], self._column[mine])
-            share = self._share[mine][:, None]
-            pivot = self._pivot[number]
-            turn = exp(share * values[number, 3] * self._axis[number])
-            step = share * (values[number, :3] @ self._directions[number])
-            position[where] = pivot + rotate(turn, position[where] - pivot) + step
-            quat[where] = multiply(turn, quat[where])
+        step = np.einsum("ci,cij->cj", values[:, :3], self._directions)
+        turn = values[:, 3:] * self._axis
+        for entries in self._rounds:
+            where = (self._row[entries], self._column[entries])
+            mine, share = self._index[entries], self._share[entries][:, None]
+            turned = exp(share * turn[mine])
+            pivot = self._pivot[mine]
+            position[where] = pivot + rotate(turned, position[where] - pivot) + share * step[mine]
+            quat[where] = multiply(turned, quat[where])
         return dataclasses.replace(targets, position=position, quat=quat, matrix=to_matrix(quat))
 
-    def _entries(self, number: int) -> slice:
-        """Return where a move's own entries are: they stand together."""
-        first, last = np.searchsorted(self._index, (number, number + 1))
-        return slice(int(first), int(last))
+    def stiffened(self, rows: NDArray[np.int64]) -> SharedMoves:
+        """Return the same with stiffer moves where frames ``rows`` of the targets ask too much."""
+        found = np.unique(self._index[np.isin(self._row, rows) & (self._share > _MOSTLY)])
+        stiffer = copy.copy(self)
+        stiffer._rigidity = self._rigidity.copy()
+        stiffer._rigidity[found] *= STIFFER
+        return stiffer
 
-    def step(self, values: Array, targets: Targets, sensitivity: Sensitivity) -> Array:
+    def step(
+        self, values: Array, targets: Targets, rows: NDArray[np.int64], sensitivity: Sensitivity
+    ) -> Array:
         """Return better moves (nmove, 4): the least of the quadratic, moves kept from leaping.
 
         Args:
           values: (nmove, 4) moves so far.
           targets: what :meth:`moved` made of them.
-          sensitivity: of the frames, at those targets.
+          rows: (m,) which of the targets' frames are asked, rising; a few stand for all.
+          sensitivity: of those frames, at those targets.
         """
-        lever = targets.position[self._row, self._column] - self._pivot[self._index]
+        place = np.full(len(targets.frames), -1)
+        place[rows] = np.arange(len(rows))
+        weight = len(targets.frames) / len(rows)
+        asked = place[self._row] >= 0
+        entry = np.flatnonzero(asked)
+        row, column, index = place[self._row[entry]], self._column[entry], self._index[entry]
+        axis = self._axis[index]
+        lever = targets.position[self._row[entry], column] - self._pivot[index]
         effect = np.zeros((len(self._row), 6, _WIDTH))
-        effect[:, :3, :3] = np.swapaxes(self._directions[self._index], 1, 2)
-        effect[:, :3, 3] = cross(self._axis[self._index], lever)
-        effect[:, 3:, 3] = self._axis[self._index]
+        effect[entry, :3, :3] = np.swapaxes(self._directions[index], 1, 2)
+        effect[entry, :3, 3] = cross(axis, lever)
+        effect[entry, 3:, 3] = axis
         effect *= self._share[:, None, None]
-        gradient = np.zeros_like(values)
-        slope = sensitivity.gradient[self._row, self._column]
-        np.add.at(gradient, self._index, np.einsum("eij,ei->ej", effect, slope))
+        pull = np.zeros((len(self._row), _WIDTH))
+        slope = sensitivity.gradient[row, column]
+        pull[entry] = weight * (np.swapaxes(effect[entry], 1, 2) @ slope[..., None])[..., 0]
+        starts = np.searchsorted(self._index, np.arange(len(values)))
+        gradient = np.add.reduceat(pull, starts, axis=0) + self._rigidity * values
         one, other = self._pairs
-        row = self._row[one]
-        bend = sensitivity.hessian[row, self._column[one], :, self._column[other]]
-        blocks = np.swapaxes(effect[one], 1, 2) @ bend @ effect[other]
-        gradient += self._rigidity * values
-        change = self._solve(blocks, gradient)
+        blocks = np.zeros((len(one), _WIDTH, _WIDTH))
+        both = np.flatnonzero(asked[one])
+        bend = sensitivity.hessian[
+            place[self._row[one[both]]], self._column[one[both]], :, self._column[other[both]]
+        ]
+        blocks[both] = weight * (np.swapaxes(effect[one[both]], 1, 2) @ bend @ effect[other[both]])
+        change = self._solve(np.add.reduceat(blocks, self._blocks, axis=0), gradient)
         return values + np.clip(change, -STEP_LIMIT, STEP_LIMIT)
 
     def _solve(self, blocks: Array, gradient: Array) -> Array:
         """Solve the system in the moves; it is sparse, and banded in order of time."""
-        count = gradient.size
-        one, other = (self._index[side] for side in self._pairs)
+        from scipy.sparse.linalg import spsolve
+
+        one, other = (self._index[side[self._blocks]] for side in self._pairs)
         at = np.arange(_WIDTH)
         rows = np.broadcast_to((_WIDTH * one)[:, None, None] + at[:, None], blocks.shape)
         columns = np.broadcast_to((_WIDTH * other)[:, None, None] + at, blocks.shape)
-        matrix = sparse.coo_array(
-            (blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(count, count)
-        ).tocsc()
         free = self._free.ravel()
-        keep = sparse.diags_array(free.astype(float))
-        held = np.where(free, np.repeat(self._rigidity, _WIDTH, axis=1).ravel(), 1.0)
-        matrix = (keep @ matrix @ keep + sparse.diags_array(held)).tocsc()
-        from scipy.sparse.linalg import spsolve
-
+        kept = blocks * (free[rows] & free[columns])
+        held = np.where(self._free, self._rigidity, 1.0).ravel()
+        everything = np.arange(gradient.size)
+        matrix = sparse.csc_array(
+            (
+                np.concatenate((kept.ravel(), held)),
+                (
+                    np.concatenate((rows.ravel(), everything)),
+                    np.concatenate((columns.ravel(), everything)),
+                ),
+            ),
+            shape=(gradient.size, gradient.size),
+        )
         return np.asarray(-spsolve(matrix, free * gradient.ravel())).reshape(gradient.shape)
 
-    def _meeting(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return pairs of entries (m,), (m,) about the same frame, each with itself too."""
+    def _turns(self) -> list[NDArray[np.int64]]:
+        """Return entries in rounds: a target in several moves is moved by one after the other."""
+        key = self._row * len(self._targets.sites) + self._column
+        order = np.argsort(key, kind="stable")
+        _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+        rank = np.arange(len(key)) - np.repeat(first, count)
+        return [order[rank == turn] for turn in range(int(count.max()))]
+
+    def _meeting(self) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], NDArray[np.int64]]:
+        """Return pairs of entries (m,), (m,) about the same frame, each with itself too.
+
+        They are in order of their two moves; the second array says where each such block begins.
+        """
         order = np.argsort(self._row, kind="stable")
         _, first, count = np.unique(self._row[order], return_index=True, return_counts=True)
         one, other = [], []
@@ -246,4 +284,8 @@ class SharedMoves:
                 for b in range(size):
                     one.append(order[starts + a])
                     other.append(order[starts + b])
-        return np.concatenate(one), np.concatenate(other)
+        left, right = np.concatenate(one), np.concatenate(other)
+        key = self._index[left] * len(self._moves) + self._index[right]
+        sort = np.argsort(key, kind="stable")
+        _, begins = np.unique(key[sort], return_index=True)
+        return (left[sort], right[sort]), begins

@@ -18,9 +18,11 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mjmotion import limits
 from mjmotion.bones import Bones
 from mjmotion.constraints import Constraint, Gaze, Link, Targets, lay_out
 from mjmotion.coupling import couple
@@ -41,9 +43,9 @@ from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import Clearance, IKSolver
 from mjmotion.kinematics import character_height, site_positions
 from mjmotion.motion import Motion
-from mjmotion.shared import SharedMove, SharedMoves, free_moves
+from mjmotion.shared import SETTLED, SharedMove, SharedMoves, free_moves
 from mjmotion.spline import fit_level, fit_multilevel
-from mjmotion.tangent import oplus
+from mjmotion.tangent import ominus, oplus
 
 Array = NDArray[np.float64]
 
@@ -55,6 +57,8 @@ TOUCHING = 0.004  # nearer than this to an obstacle, and another level follows [
 _BETTER = 0.8  # another level only while each leaves less than this share of the one before
 _EXTRA_LEVELS = 6  # at most, at the finest spacing, to get the edges that close
 _PASSES = 2  # times that Eq. 2 is applied at a level's knots: then to what the first time left
+OVER = 1e-3  # out of its range by more than this, a joint holds shared moves back [rad]
+_ASKED = 4.0  # frames a knot that tell what a shared move would cost
 _STILL = 1e-6  # a displacement this small is rounding [rad or m]
 
 
@@ -123,17 +127,27 @@ def fit(
         qpos[:, :3] += contact_shift(motion, targets, spacings, bones)
     guessed = time.perf_counter() - guessing
 
+    guess, settled = qpos, False
     traced: list[tuple[float, float, float]] = []  # spacing, seconds, error before the level
     queue = list(spacings)
     last_error, worst_left = math.nan, math.inf
     while queue:
         spacing = queue.pop(0)
         start = time.perf_counter()
-        poses = qpos[targets.frames]
+        poses, deviation = qpos[targets.frames], None
         if together is not None:
-            values = together.step(values, targets, solver.sensitivity(poses, targets))
-            targets = together.moved(values)
-        frames, displacement, last_error = _solve_level(solver, poses, targets, clearance)
+            # Moves add up over the levels, and so must the deviation that they are to keep least.
+            deviation = ominus(motion.model, poses, guess[targets.frames])
+            if not settled:
+                values, settled = _move(
+                    *(together, values, solver, poses, targets, deviation, spacing)
+                )
+                targets = together.moved(values)
+        frames, displacement, last_error = _solve_level(
+            solver, poses, targets, clearance, deviation
+        )
+        if together is not None and not settled:
+            together = _held_back(together, motion.model, poses, displacement)
         if traced and last_error <= tolerance:
             break
         if len(frames):
@@ -256,10 +270,43 @@ def _spread_out(
     return spread
 
 
+def _move(
+    together: SharedMoves,
+    values: Array,
+    solver: IKSolver,
+    poses: Array,
+    targets: Targets,
+    deviation: Array,
+    spacing: float,
+) -> tuple[Array, bool]:
+    """Return better shared moves, and whether they hardly changed.
+
+    What frames answer varies as slowly as a level's knots allow: a few a knot stand for all.
+    """
+    rows = np.arange(0, len(poses), max(1, int(spacing / _ASKED)))
+    some = targets.at(rows)
+    sensitivity = solver.sensitivity(poses[rows], some, deviation[rows])
+    better = together.step(values, targets, rows, sensitivity)
+    return better, bool(np.abs(better - values).max() < SETTLED)
+
+
+def _held_back(
+    together: SharedMoves, model: mujoco.MjModel, poses: Array, displacement: Array
+) -> SharedMoves:
+    """Return shared moves that are stiffer where they ask more of joints than these can turn."""
+    excess = limits.limit_excess(model, oplus(model, poses, displacement))
+    over = np.flatnonzero(excess.max(axis=1, initial=0.0) > OVER)
+    return together.stiffened(over) if len(over) else together
+
+
 def _solve_level(
-    solver: IKSolver, poses: Array, targets: Targets, clearance: Clearance | None
+    solver: IKSolver,
+    poses: Array,
+    targets: Targets,
+    clearance: Clearance | None,
+    deviation: Array | None,
 ) -> tuple[NDArray[np.int64], Array, float]:
-    solution = solver.solve(poses, targets, clearance)
+    solution = solver.solve(poses, targets, clearance, deviation)
     error = float(solution.error.max(initial=0.0))
     if clearance is None:
         return targets.frames, solution.displacement, error

@@ -134,6 +134,12 @@ class Base:
         """Return displacements (n, m) of :attr:`dofs` for parameters (n, nbase)."""
         return parameters if self._fold is None else parameters @ self._fold.T
 
+    def gather(self, displacement: Array) -> Array:
+        """Return the parameters (n, nbase) of displacements (n, m) of :attr:`dofs`."""
+        if self._fold is None:
+            return displacement
+        return np.asarray(displacement @ np.linalg.pinv(self._fold).T)
+
 
 def _fold(coupled: Coupling, dofs: NDArray[np.int64], weights: Array) -> tuple[Array | None, Array]:
     """Return what each parameter does to ``dofs`` (m, nbase), and the parameters' weights.

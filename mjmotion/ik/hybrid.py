@@ -74,7 +74,11 @@ class HybridIK:
         self._plan: tuple[bytes, Limbs | None, NDArray[np.bool_]] | None = None
 
     def solve(
-        self, qpos: Array, targets: Targets, inequalities: Clearance | None = None
+        self,
+        qpos: Array,
+        targets: Targets,
+        inequalities: Clearance | None = None,
+        deviation: Array | None = None,
     ) -> Solution:
         """Return the least displacements towards ``targets``; see :class:`IKSolver`."""
         displacement = np.zeros((len(qpos), self.model.nv))
@@ -84,9 +88,12 @@ class HybridIK:
             state = self._state(limbs, qpos)
             goal, end, error = self._goals(limbs, state, closable)
             d0 = limbs.close(state, goal, end)
-            reduced = self._reduced(qpos, limbs, state, closable, error)
+            # What is kept serves to share out a displacement; to keep a sum least it must be true.
+            again = deviation is None
+            reduced = self._reduced(qpos, limbs, state, closable, error, again)
             base = reduced.base
-            body, step = self._body_step(limbs, reduced, d0, goal)
+            before = None if deviation is None else self._before(limbs, base, deviation)
+            body, step = self._body_step(limbs, reduced, d0, goal, before)
             displacement[:, base.dofs] = base.spread(body)
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
         if inequalities is not None:
@@ -94,7 +101,8 @@ class HybridIK:
             other[inequalities(qpos, targets.frames).frame] = True
         rows = np.flatnonzero(other)
         if len(rows):
-            few = self._numeric.solve(qpos[rows], targets.at(rows), inequalities)
+            mine = None if deviation is None else deviation[rows]
+            few = self._numeric.solve(qpos[rows], targets.at(rows), inequalities, mine)
             displacement[rows], error[rows] = few.displacement, few.error
         return Solution(displacement, error)
 
@@ -115,7 +123,9 @@ class HybridIK:
             displacement[rows], error[rows] = few.displacement, few.error
         return Solution(displacement, error, rise)
 
-    def sensitivity(self, qpos: Array, targets: Targets) -> Sensitivity:
+    def sensitivity(
+        self, qpos: Array, targets: Targets, deviation: Array | None = None
+    ) -> Sensitivity:
         """Return what the frames' deviations cost when their targets change; see the protocol.
 
         A limb's joints follow its end as they follow its base, the other way; what the body makes
@@ -124,19 +134,23 @@ class HybridIK:
         """
         limbs, closable, _ = self._split(targets)
         if limbs is None or len(closable.sites) < len(targets.sites):
-            return self._numeric.sensitivity(qpos, targets)
+            return self._numeric.sensitivity(qpos, targets, deviation)
         state = self._state(limbs, qpos)
         goal, end, error = self._goals(limbs, state, closable)
         d0 = limbs.close(state, goal, end)
-        reduced = self._reduced(qpos, limbs, state, closable, error)
+        reduced = self._reduced(qpos, limbs, state, closable, error, again=False)
         follow = reduced.follow_ends(limbs, closable)
-        rest = d0 * reduced.root
+        rest, rows = d0 * reduced.root, reduced.rows
+        if deviation is not None:
+            body_before, limbs_before = self._before(limbs, reduced.base, deviation)
+            rest += limbs_before * reduced.root
         rest -= dot(rest, reduced.swivel)[..., None] * reduced.swivel
-        rows = reduced.rows
         count, nlimb = follow.shape[:2]
         by_body = rows.reshape(count, -1, nlimb, 7).swapaxes(1, 2) @ follow  # (n, nlimb, nbase, 6)
         by_body = by_body.swapaxes(1, 2).reshape(count, -1, 6 * nlimb)
         felt = rows @ rest.reshape(count, -1, 1)
+        if deviation is not None:
+            felt += (reduced.base.weights * body_before)[..., None]
         solved = np.linalg.solve(reduced.matrix, np.concatenate((by_body, felt), axis=2))
         gradient = (follow.swapaxes(2, 3) @ rest[..., None]).reshape(count, -1, 1)
         gradient = (gradient - by_body.swapaxes(1, 2) @ solved[:, :, -1:])[..., 0]
@@ -150,6 +164,11 @@ class HybridIK:
         gradient = gradient.reshape(count, nlimb, 6) * held
         return Sensitivity(gradient, hessian * held[..., None, None] * held[:, None, None])
 
+    def _before(self, limbs: Limbs, base: Base, deviation: Array) -> tuple[Array, Array]:
+        """Split a deviation (n, nv) into the body's (n, nbase) and the limbs' (n, nlimb, 7)."""
+        mine = deviation[:, limbs.dofs.ravel()].reshape(len(deviation), -1, 7)
+        return base.gather(deviation[:, base.dofs]), mine
+
     def _state(self, limbs: Limbs, qpos: Array) -> LimbState:
         """Return where the limbs are; the same poses are asked about twice in a level."""
         if self._last is None or self._last[0] is not qpos or self._last[1] is not limbs:
@@ -157,10 +176,19 @@ class HybridIK:
         return self._last[2]
 
     def _reduced(
-        self, qpos: Array, limbs: Limbs, state: LimbState, targets: Targets, error: Array
+        self,
+        qpos: Array,
+        limbs: Limbs,
+        state: LimbState,
+        targets: Targets,
+        error: Array,
+        again: bool,
     ) -> Reduced:
-        """Return the reduced problem: of now, or while errors are small that of a level before."""
-        near = error.max(initial=0.0) < KEEP_WITHIN * float(limbs.reach.min())
+        """Return the reduced problem: of now, or ``again`` that of a level before.
+
+        The latter while errors are small.
+        """
+        near = again and error.max(initial=0.0) < KEEP_WITHIN * float(limbs.reach.min())
         kept = self._kept
         if kept is not None and kept.frames is targets.frames and (near or kept.qpos is qpos):
             return kept
@@ -252,20 +280,31 @@ class HybridIK:
         )
 
     def _body_step(
-        self, limbs: Limbs, reduced: Reduced, d0: Array, goal: Array
+        self,
+        limbs: Limbs,
+        reduced: Reduced,
+        d0: Array,
+        goal: Array,
+        before: tuple[Array, Array] | None,
     ) -> tuple[Array, Array]:
-        """Solve ``(Tᵀ M T) z = −Tᵀ M d0``: moves of the body (n, nbase) and limbs (n, nlimb, 7)."""
-        rest = d0 * reduced.root
+        """Solve ``(Tᵀ M T) z = −Tᵀ M d0``: moves of the body (n, nbase) and limbs (n, nlimb, 7).
+
+        With what there is ``before``, of body and limbs, the two together are least.
+        """
+        rest = d0 * reduced.root if before is None else (d0 + before[1]) * reduced.root
         rest = rest - dot(rest, reduced.swivel)[..., None] * reduced.swivel
         matrix = reduced.matrix
         right = -(reduced.rows @ rest.reshape(len(rest), -1, 1))
+        if before is not None:
+            right -= (reduced.base.weights * before[0])[..., None]
         far = dot(goal, goal) > (REACH_SHARE * limbs.reach) ** 2
         if far.any():
             matrix = matrix.copy()
             self._pull_into_reach(limbs, reduced.base, goal, far, matrix, right)
         body = np.linalg.solve(matrix, right)
         step = rest.reshape(len(rest), -1) + (body.swapaxes(1, 2) @ reduced.rows)[:, 0]
-        return np.asarray(body[..., 0]), step.reshape(d0.shape) / reduced.root
+        step = step.reshape(d0.shape) / reduced.root
+        return np.asarray(body[..., 0]), step if before is None else step - before[1]
 
     def _pull_into_reach(
         self,

@@ -71,11 +71,15 @@ class NumericIK:
         self._kinematics: Kinematics | None = None
 
     def solve(
-        self, qpos: Array, targets: Targets, inequalities: Clearance | None = None
+        self,
+        qpos: Array,
+        targets: Targets,
+        inequalities: Clearance | None = None,
+        deviation: Array | None = None,
     ) -> Solution:
         """Return the least displacements towards ``targets``; see :class:`IKSolver`."""
         freedom = np.broadcast_to(self._freedom(), (len(qpos), self.model.nv))
-        return self._descend(qpos, targets, inequalities, freedom, self.iterations)
+        return self._descend(qpos, targets, inequalities, freedom, self.iterations, deviation)
 
     def enforce(self, qpos: Array, targets: Targets) -> Solution:
         """Return displacements that meet ``targets`` with the root nearly still (§4.4)."""
@@ -83,7 +87,9 @@ class NumericIK:
         freedom[:, :6] *= 1e-3
         return self._descend(qpos, targets, None, freedom, self.iterations + 4)
 
-    def sensitivity(self, qpos: Array, targets: Targets) -> Sensitivity:
+    def sensitivity(
+        self, qpos: Array, targets: Targets, deviation: Array | None = None
+    ) -> Sensitivity:
         """Return what the frames' deviations cost when their targets change; see the protocol.
 
         The multipliers of the least-deviation step are the gradient, and the inverse of its dual
@@ -92,6 +98,8 @@ class NumericIK:
         pose = self._pose(qpos, targets.frames)
         dofs = self._dofs(targets, everything=False)
         jacobian, error, compliance = self._equalities(pose, targets, dofs)
+        if deviation is not None:
+            error = error + (jacobian @ deviation[:, dofs, None])[..., 0]
         dual = (jacobian * self._freedom()[dofs]) @ np.swapaxes(jacobian, 1, 2)
         index = np.arange(dual.shape[1])
         dual[:, index, index] += compliance + _RIDGE
@@ -135,8 +143,10 @@ class NumericIK:
         inequalities: Clearance | None,
         freedom: Array,
         iterations: int,
+        deviation: Array | None = None,
     ) -> Solution:
         displacement = np.zeros((len(qpos), self.model.nv))
+        before = np.zeros_like(displacement) if deviation is None else deviation
         first_error = np.zeros(len(qpos))
         dofs = self._dofs(targets, inequalities is not None)
         moved = qpos
@@ -147,7 +157,8 @@ class NumericIK:
                 first_error = position_error(pose, targets)
             jacobian, error, compliance = self._equalities(pose, targets, dofs)
             step, _ = least_deviation(
-                jacobian, error, compliance, freedom[:, dofs], displacement[:, dofs]
+                *(jacobian, error, compliance, freedom[:, dofs]),
+                (before + displacement)[:, dofs],
             )
             if inequalities is not None:
                 kept = _remembered(kept, inequalities(moved, targets.frames), displacement)
@@ -157,9 +168,9 @@ class NumericIK:
                         extended,
                         jacobian.shape[1],
                         freedom[rows][:, dofs],
-                        displacement[rows][:, dofs],
+                        (before + displacement)[rows][:, dofs],
                     )
-            change = step - displacement[:, dofs]
+            change = step - (before + displacement)[:, dofs]
             size = np.max(np.abs(change), axis=1, initial=0.0)
             change *= np.minimum(1.0, STEP_LIMIT / np.maximum(size, 1e-12))[:, None]
             displacement[:, dofs] += change

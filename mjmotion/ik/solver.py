@@ -68,16 +68,26 @@ class IKSolver(Protocol):
     """The least displacement that meets the targets (Eq. 4)."""
 
     def solve(
-        self, qpos: Array, targets: Targets, inequalities: Clearance | None = None
+        self,
+        qpos: Array,
+        targets: Targets,
+        inequalities: Clearance | None = None,
+        deviation: Array | None = None,
     ) -> Solution:
-        """Return displacements for poses (n, nq) at ``targets.frames``."""
+        """Return displacements for poses (n, nq) at ``targets.frames``.
+
+        They are least in themselves (Eq. 4), or together with a ``deviation`` (n, nv) that there
+        is already.
+        """
         ...
 
     def enforce(self, qpos: Array, targets: Targets) -> Solution:
         """Return displacements that meet every target exactly (§4.4), moving the root least."""
         ...
 
-    def sensitivity(self, qpos: Array, targets: Targets) -> Sensitivity:
+    def sensitivity(
+        self, qpos: Array, targets: Targets, deviation: Array | None = None
+    ) -> Sensitivity:
         """Return what the frames' deviations cost when their targets change (§7)."""
         ...
 
