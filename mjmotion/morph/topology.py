@@ -21,7 +21,8 @@ _PARTS = {
     "joints": ("jnt_type", "jnt_bodyid"),
     "sites": ("site_bodyid",),
     "shapes": ("geom_type", "geom_bodyid", "geom_dataid"),
-    "meshes": ("mesh_vertnum", "mesh_normalnum", "mesh_facenum", "mesh_face"),
+    # Not their faces: those of a hull are cut anew for every size, of the same vertices.
+    "meshes": ("mesh_vertnum", "mesh_normalnum"),
 }
 _TURNS = {
     "bodies": "body_quat",

@@ -1,0 +1,124 @@
+"""The exact pass of a morph (§4.4): standing feet on their footprints, swinging feet carried along.
+
+Contacts begin and end within the motion, so closing the standing legs alone would make a foot jump
+where its contact begins. What a contact moves fades out through the swing beside it instead, and a
+foot that would scrape is lifted, smoothly, as high as the source's own swings go. The root only
+gives for feet that stand: a swinging leg that has no range left swings otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.bones import Bones
+from mjmotion.constraints import SiteConstraint, lay_out
+from mjmotion.fit import default_levels
+from mjmotion.fit.exact import ExactPass, within_limits
+from mjmotion.ik.hybrid import HybridIK
+from mjmotion.ik.numeric import NumericIK
+from mjmotion.kinematics import Kinematics, site_id
+from mjmotion.morph.body import MorphBody
+from mjmotion.morph.stride import FootTrack
+from mjmotion.motion import Motion
+from mjmotion.rotations import conjugate, continuous, exp, from_matrix, log, multiply, rotate
+from mjmotion.shapes import body_points
+from mjmotion.smoothing import envelope, fade
+from mjmotion.tangent import oplus
+
+Array = NDArray[np.float64]
+
+FADE_TIME = 0.13  # what a contact moves dies out as exp(-t / this) [s]
+LIFT_TIME = 0.05  # scale of a lift's rise and fall [s]
+LIFT_PULL = 30.0  # acceleration with which a foot can be lifted off, or set down [m/s²]
+CLEARANCE = 0.012  # height that a swing is given, where the source has as much [m]
+
+
+def landed(
+    motion: Motion, body: MorphBody, tracks: Sequence[FootTrack], ik: str = "hybrid"
+) -> Motion:
+    """Return a fitted motion whose feet stand exactly where they are to.
+
+    Args:
+      motion: after the levels.
+      body: the body of every frame, on the motion's model.
+      tracks: where the feet are to be.
+      ik: ``"hybrid"`` or ``"numeric"``.
+    """
+    model, bones, nframe = motion.model, body.bones, motion.nframe
+    qpos = np.array(motion.qpos)
+    wanted = [_carried(motion, bones, track, _soles(body, track, nframe)) for track in tracks]
+    standing = [track.constraints() for track in tracks if track.stance.any()]
+    solver = (HybridIK if ik == "hybrid" else NumericIK)(model, bones=bones)
+    if standing:
+        targets = lay_out(standing, model, nframe)
+        spacing = default_levels(motion.fps)[0]
+        qpos, _ = ExactPass(motion, solver, targets, spacing, bones)(qpos)
+    swinging = solver.enforce(qpos, lay_out(wanted, model, nframe)).displacement
+    closed = within_limits(motion, oplus(model, qpos, swinging))
+    # Where both feet stand, all is as it should be, to the bit.
+    still = np.all([track.stance for track in tracks], axis=0)
+    return motion.replace(np.where(still[:, None], qpos, closed))
+
+
+def _carried(motion: Motion, bones: Bones, track: FootTrack, sole: Array) -> SiteConstraint:
+    """Return where a foot is to be at every frame: as fitted, but for what its contacts move."""
+    site = site_id(motion.model, track.foot.site)
+    pose = Kinematics(motion.model, motion.nframe, bones=bones).forward(motion.qpos)
+    position = pose.site_xpos[:, site]
+    quat = continuous(from_matrix(pose.site_xmat[:, site]))
+    time = FADE_TIME * motion.fps
+    away = track.position - position
+    turn = log(multiply(conjugate(quat), track.quat))
+    position = position + fade(track.stance, away, time)
+    level = _ground(track)
+    quat = multiply(quat, exp(fade(track.stance, turn, time)))
+    height = _lowest(position, quat, sole) - level
+    source = _lowest(track.position, track.quat, sole) - level
+    need = np.minimum(np.clip(source, 0.0, CLEARANCE) - height, _most(track.stance, motion.fps))
+    position[:, 2] += envelope(need, track.stance, LIFT_TIME * motion.fps)
+    return SiteConstraint(track.foot.site, np.arange(motion.nframe), position, quat)
+
+
+def _most(stance: NDArray[np.bool_], fps: float) -> Array:
+    """How far a foot can have been lifted since it stood, or be before it stands (nframe,) [m]."""
+    frames = np.flatnonzero(stance)
+    if len(frames) == 0:
+        return np.full(len(stance), np.inf)
+    apart = np.abs(np.arange(len(stance))[:, None] - frames).min(axis=1) / fps
+    return 0.5 * LIFT_PULL * apart**2
+
+
+def _ground(track: FootTrack) -> Array:
+    """Height of the ground (nframe,) under a foot [m]: where it stood before and stands next."""
+    frames = np.flatnonzero(track.stance)
+    if len(frames) == 0:
+        return np.zeros(len(track.stance))
+    return np.interp(np.arange(len(track.stance)), frames, track.position[frames, 2])
+
+
+def _lowest(position: Array, quat: Array, sole: Array) -> Array:
+    """Height (nframe,) of the lowest of points (nframe, k, 3) that a posed site carries [m]."""
+    return np.asarray((position[:, None] + rotate(quat[:, None], sole))[..., 2].min(axis=1))
+
+
+def _soles(body: MorphBody, track: FootTrack, nframe: int) -> Array:
+    """Return points of a foot's surface in its posed site's frame (nframe, k, 3) [m]."""
+    foot, model = track.foot, body.model
+    mine = np.flatnonzero(model.geom_bodyid == foot.body)
+    still = all(
+        np.ptp(body.fields[name][:, mine], axis=0).max() < 1e-6
+        for name in ("geom_pos", "geom_size", "geom_aabb")
+    )
+    if still:
+        return np.broadcast_to(foot.shape, (nframe, *foot.shape.shape))
+    site = site_id(model, foot.site)
+    turn = conjugate(model.site_quat[site])
+    copy_ = body.model_at(0)
+    points = []
+    for frame in range(nframe):
+        body.write(copy_, frame)
+        points.append(rotate(turn, body_points(copy_, foot.body) - copy_.site_pos[site]))
+    return np.stack(points)
