@@ -63,7 +63,7 @@ _STIFF = 2000.0  # the body keeps to its plan, arms and legs give
 # Directions of a left limb's upper and lower part in the frame of the body it hangs from.
 _BENT = {
     ("shoulder", "elbow"): ((0.6, 0.7, 0.55), (0.1, -0.5, 0.85)),
-    ("hip", "knee"): ((0.85, 0.35, -0.45), (-0.5, -0.2, -0.85)),
+    ("hip", "knee"): ((0.85, 0.5, -0.45), (-0.5, -0.25, -0.85)),
 }
 
 

@@ -25,10 +25,11 @@ HANDS = ("left_hand", "right_hand")
 FEET = ("left_foot", "right_foot")
 LIMBS = HANDS + FEET
 
-_CROSSING = np.deg2rad(20.0)  # between the fingers and the rope
-_FINGERS_IN = np.deg2rad(20.0)  # how far the fingers point inward, about the rope
+_CROSSING = np.deg2rad(30.0)  # between the fingers and the rope
+_FINGERS_IN = np.deg2rad(35.0)  # how far the fingers point inward, about the rope
 _TOES_DOWN = np.deg2rad(24.0)
 _TOES_OUT = np.deg2rad(7.0)
+_PALM = (0.006, 0.0, 0.0)  # where the rope passes a hand, from its site: towards the thumb [m]
 _BALL = (0.085, 0.0, 0.02)  # where the rope passes a foot, from its site [m]
 _TOUCH = 5e-4  # left between skin and rope [m]
 _FAR = 0.3  # from here the rope is brought nearer [m]
@@ -71,7 +72,7 @@ def _find_grip(model: mujoco.MjModel, site: str, radius: float) -> Grip:
     if site in HANDS:
         # The fingers, along -z of the hand, point up and forward; the thumb, along x, up and back.
         pitch = exp(np.array((0.0, _CROSSING - np.pi, 0.0)))
-        quat, near = multiply(yaw_quat(np.array(-sign * _FINGERS_IN)), pitch), np.zeros(3)
+        quat, near = multiply(yaw_quat(np.array(-sign * _FINGERS_IN)), pitch), np.array(_PALM)
     else:
         quat = multiply(yaw_quat(np.array(sign * _TOES_OUT)), exp(np.array((0.0, _TOES_DOWN, 0.0))))
         near = np.array(_BALL)
