@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.clips.gait_feet import (
+    TOE_OFF,
+    Roll,
     Swing,
     both_feet,
     find_swing,
@@ -80,6 +82,7 @@ def make_walk(
     stride: float = STRIDE,
     speed: float = SPEED,
     turning: float = TURNING,
+    duty: float = TOE_OFF,
     stand: tuple[float, float] = _STAND,
     seconds: float | None = None,
     fps: float = 30.0,
@@ -92,6 +95,7 @@ def make_walk(
       stride: length of a stride, two steps, at walking speed [m].
       speed: walking speed [m/s]; the cadence is ``speed / stride`` strides a second.
       turning: mean rate of turning within the turns [rad/s].
+      duty: share of a stride that a foot stands; at 0.5 a walk becomes a run.
       stand: quiet standing before a start and after a stop [s].
       seconds: length of the whole motion; with a stop at the end, the standing after it is made as
         long as that takes. Without, as long as segments and standing take.
@@ -99,7 +103,7 @@ def make_walk(
 
     Raises:
       ModelError: the model is not the humanoid: joints, sites or limbs are missing.
-      ClipError: segments, stride, speed or time that make no walk.
+      ClipError: segments, stride, speed, duty or time that make no walk.
     """
     check_model(model)
     for name, value, low, high in (
@@ -107,6 +111,7 @@ def make_walk(
         ("speed", speed, 0.3, 2.2),
         ("turning", turning, 0.0, 1.2),
         ("strides a second", speed / max(stride, 1e-6), 0.5, 1.4),
+        ("duty", duty, 0.55, 0.68),
         ("fps", fps, 1.0, 1e5),
     ):
         if not low <= value <= high:
@@ -119,7 +124,7 @@ def make_walk(
     if total < before + ends:
         raise ClipError(f"walk: the segments take {before + ends:.2f} s, not {total:.2f}")
     times = np.arange(max(1, round(total * fps))) / fps - before
-    return Motion(model, _poses(model, path, path.phase(times), stride), fps)
+    return Motion(model, _poses(model, path, path.phase(times), stride, duty), fps)
 
 
 def check_model(model: mujoco.MjModel) -> None:
@@ -140,7 +145,7 @@ def check_model(model: mujoco.MjModel) -> None:
         )
 
 
-def _poses(model: mujoco.MjModel, path: Path, psi: Array, stride: float) -> Array:
+def _poses(model: mujoco.MjModel, path: Path, psi: Array, stride: float, duty: float) -> Array:
     """Return qpos (n, nq) at phases (n,)."""
     table = gait_table()
     legs = Limbs(model, [leg_of(model, side) for side in SIDES])
@@ -148,7 +153,7 @@ def _poses(model: mujoco.MjModel, path: Path, psi: Array, stride: float) -> Arra
     swing = _table_swing(model, table)
     scale = min(stride / STRIDE, 1.2)
     steps = [plan_steps(path, side, _WIDTHS, _TOE_OUT) for side in SIDES]
-    feet = partial(both_feet, steps, shapes, swing)
+    feet = partial(both_feet, steps, shapes, swing, roll=Roll(toe_off=duty))
     # How high the pelvis can be is found on a grid of its own, so that no frame rate changes it.
     grid = path.psi[::2]
     body = _body(model, table, path, grid, scale)
