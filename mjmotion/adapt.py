@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.ankles import give
-from mjmotion.assets import find_asset
 from mjmotion.clearance import MARGIN, Obstacle, ObstacleClearance, find_obstacles
 from mjmotion.constraints import Constraint, SiteConstraint, lay_out
 from mjmotion.contacts import Contact, check_contacts, detect_contacts
@@ -44,7 +43,7 @@ from mjmotion.ik.solver import default_weights
 from mjmotion.kinematics import Kinematics, Pose
 from mjmotion.motion import Motion
 from mjmotion.rotations import multiply, rotate, yaw_quat
-from mjmotion.scene import Scene, compose
+from mjmotion.scene import Scene, compose, load_character
 from mjmotion.scene.ground import Ground
 from mjmotion.shared import SharedMove
 from mjmotion.smoothing import cover
@@ -241,9 +240,46 @@ def adapt(
     """
     say = progress or (lambda stage: None)
     spec = compose(character, scene)
-    composed = spec.compile()
     say("contacts and footholds")
-    what = plan(clip, scene, contacts)
+    return carry_out(
+        *(plan(clip, scene, contacts), spec, character),
+        constraints=constraints,
+        levels=levels,
+        tolerance=tolerance,
+        ik=ik,
+        progress=progress,
+    )
+
+
+def carry_out(
+    what: Plan,
+    spec: mujoco.MjSpec,
+    character: str | Path | mujoco.MjSpec,
+    *,
+    constraints: Sequence[Constraint] = (),
+    levels: Sequence[float] | None = None,
+    tolerance: float = 1e-4,
+    ik: str = "hybrid",
+    progress: Callable[[str], None] | None = None,
+) -> Adaptation:
+    """Fit a motion to a plan: past obstacles first, with ankles that give at the end.
+
+    Args:
+      what: what is asked.
+      spec: character and scene in one.
+      character: the character alone: the plan's source is on its model.
+      constraints: more that must hold.
+      levels: frames a knot, coarse to fine.
+      tolerance: refinement stops once no constraint is off by more [m].
+      ik: ``"hybrid"`` or ``"numeric"``.
+      progress: called with the name of each stage as it begins.
+
+    Raises:
+      SceneError: a doorway that cannot be passed.
+      ConstraintError, ModelError, FitError: bad input.
+    """
+    say = progress or (lambda stage: None)
+    composed, model, nframe = spec.compile(), what.source.model, what.source.nframe
     own = _within_reach(constraints, _shifted(what.source, what.root_shift))
     wanted = [*what.constraints(), *own]
     began = time.perf_counter()
@@ -252,8 +288,8 @@ def adapt(
     clearance = None
     if what.obstacles:
         say("clearances")
-        body = mujoco.MjSpec.from_file(str(find_asset("model", character)))
-        clearance = ObstacleClearance(body, what.obstacles, find_feet(clip.model), clip.nframe)
+        body = load_character(character)
+        clearance = ObstacleClearance(body, what.obstacles, find_feet(model), nframe)
         start, shift = _duck(what, wanted, clearance, levels), False
     say("fit")
     ducked = time.perf_counter() - began
@@ -263,14 +299,14 @@ def adapt(
         levels=levels,
         tolerance=tolerance,
         ik=ik,
-        weights=stiff_root(clip.model),
+        weights=stiff_root(model),
         clearance=clearance,
         first_guess=shift,
     )
     contacts_left = what.contacts
     for _ in range(GIVE_ROUNDS):
         # Only the fitted motion shows for certain what the ankles are asked for.
-        paths, contacts_left = give(result.motion, find_feet(clip.model), what.paths, contacts_left)
+        paths, contacts_left = give(result.motion, find_feet(model), what.paths, contacts_left)
         if paths == what.paths:
             break
         what = dataclasses.replace(what, paths=paths, contacts=contacts_left)
@@ -279,7 +315,7 @@ def adapt(
             [*what.constraints(), *own],
             levels=[FINEST],
             ik=ik,
-            weights=stiff_root(clip.model),
+            weights=stiff_root(model),
             clearance=clearance,
             first_guess=False,
         )
@@ -294,7 +330,7 @@ def adapt(
     if clearance is not None:
         _check_passage(clearance, result)
     # Against what was asked for, not what was brought within reach.
-    asked = lay_out([*what.constraints(), *constraints], clip.model, clip.nframe)
+    asked = lay_out([*what.constraints(), *constraints], model, nframe)
     return Adaptation(
         what.source.on(composed),
         result.motion.on(composed),
@@ -383,4 +419,4 @@ def _check_passage(clearance: ObstacleClearance, result: Fit) -> None:
         )
 
 
-__all__ = ["Adaptation", "Plan", "adapt", "place", "plan", "root_shift", "stiff_root"]
+__all__ = ["Adaptation", "Plan", "adapt", "carry_out", "place", "plan", "root_shift", "stiff_root"]

@@ -12,7 +12,14 @@ from mjmotion.scene.builders import (
     stairs,
     terrain,
 )
-from mjmotion.scene.model import START_SITE, Scene, compose, load_scene, with_ground
+from mjmotion.scene.model import (
+    START_SITE,
+    Scene,
+    compose,
+    load_character,
+    load_scene,
+    with_ground,
+)
 from mjmotion.scene.save import save_model
 
 __all__ = [
@@ -26,6 +33,7 @@ __all__ = [
     "doors",
     "flat",
     "from_heights",
+    "load_character",
     "load_scene",
     "save_model",
     "slope",

@@ -87,7 +87,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
         raise SceneError(str(error).replace(f"'{path.stem}'", f"'{path}'", 1)) from error
 
 
-def compose(character: str | Path, scene: Scene) -> mujoco.MjSpec:
+def compose(character: str | Path | mujoco.MjSpec, scene: Scene) -> mujoco.MjSpec:
     """Return the scene with a character in it, as a spec that compiles.
 
     The character's names stay as they are and its root is the first joint, so ``qpos[:, :7]`` is
@@ -98,14 +98,14 @@ def compose(character: str | Path, scene: Scene) -> mujoco.MjSpec:
     the same name in both are told apart by renaming the scene's.
 
     Args:
-      character: name of one of our models, or a path to an MJCF with a free root.
+      character: name of one of our models, a path to an MJCF with a free root, or a spec of one.
       scene: the scene.
 
     Raises:
       ModelError: the character does not exist, does not compile, or has no free root.
       SceneError: a body, joint, geom or other element has the same name in both.
     """
-    spec = _load_character(character)
+    spec = load_character(character)
     stage = scene.spec.copy()
     for key in list(stage.keys):  # states of the scene alone mean nothing once it has a character
         stage.delete(key)
@@ -135,7 +135,7 @@ def with_ground(character: str | Path) -> mujoco.MjSpec:
     Raises:
       ModelError: the character does not exist, does not compile, or has no free root.
     """
-    spec = _load_character(character)
+    spec = load_character(character)
     model = spec.compile()
     if len(character_geoms(model)) < model.ngeom:
         return spec
@@ -180,10 +180,22 @@ def _start(model: mujoco.MjModel, name: str) -> tuple[NDArray[np.float64], float
     return data.site_xpos[site].copy(), float(np.arctan2(forward[1], forward[0]))
 
 
-def _load_character(character: str | Path) -> mujoco.MjSpec:
-    path = find_asset("model", character).resolve()
+def load_character(character: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
+    """Return a character's spec, a new one.
+
+    Args:
+      character: name of one of our models, a path to an MJCF, or a spec.
+
+    Raises:
+      ModelError: the character does not exist, does not compile, or has no free root.
+    """
+    path: str | Path
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        if isinstance(character, mujoco.MjSpec):
+            path, spec = character.modelname, character.copy()
+        else:
+            path = find_asset("model", character).resolve()
+            spec = mujoco.MjSpec.from_file(str(path))
         model = spec.compile()
     except (ValueError, OSError, mujoco.FatalError) as error:
         raise ModelError(f"character '{path}' does not compile: {first_line(error)}") from error
