@@ -14,7 +14,6 @@ the cost stays linear in frames.
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Sequence
 
@@ -32,9 +31,7 @@ Array = NDArray[np.float64]
 
 RIGIDITY = 1e-3  # α of a move on which nothing else depends, so that it stays [1/m²]
 STEP_LIMIT = 0.25  # the most that a move changes at one level [m or rad]
-STIFFER = 10.0  # how much stiffer a move becomes that asks too much of joints
 SETTLED = 1e-4  # a move that changes less at a level is settled [m or rad]
-_MOSTLY = 0.5  # share from which a frame speaks for a move
 _WIDTH = 4  # unknowns of a move: three directions and a turn
 
 
@@ -176,6 +173,11 @@ class SharedMoves:
         self._rounds = self._turns()
         self._pairs, self._blocks = self._meeting()
 
+    @property
+    def shortest(self) -> int:
+        """Frames of the move that has fewest."""
+        return int(np.bincount(self._index).min())
+
     def moved(self, values: Array) -> Targets:
         """Return the targets after moves (nmove, 4): along the directions [m], and turns [rad]."""
         targets = self._targets
@@ -190,14 +192,6 @@ class SharedMoves:
             position[where] = pivot + rotate(turned, position[where] - pivot) + share * step[mine]
             quat[where] = multiply(turned, quat[where])
         return dataclasses.replace(targets, position=position, quat=quat, matrix=to_matrix(quat))
-
-    def stiffened(self, rows: NDArray[np.int64]) -> SharedMoves:
-        """Return the same with stiffer moves where frames ``rows`` of the targets ask too much."""
-        found = np.unique(self._index[np.isin(self._row, rows) & (self._share > _MOSTLY)])
-        stiffer = copy.copy(self)
-        stiffer._rigidity = self._rigidity.copy()
-        stiffer._rigidity[found] *= STIFFER
-        return stiffer
 
     def step(
         self, values: Array, targets: Targets, rows: NDArray[np.int64], sensitivity: Sensitivity

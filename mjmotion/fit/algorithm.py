@@ -18,11 +18,9 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjmotion import limits
 from mjmotion.bones import Bones
 from mjmotion.constraints import Constraint, Gaze, Link, Targets, lay_out
 from mjmotion.coupling import couple
@@ -57,8 +55,7 @@ TOUCHING = 0.004  # nearer than this to an obstacle, and another level follows [
 _BETTER = 0.8  # another level only while each leaves less than this share of the one before
 _EXTRA_LEVELS = 6  # at most, at the finest spacing, to get the edges that close
 _PASSES = 2  # times that Eq. 2 is applied at a level's knots: then to what the first time left
-OVER = 1e-3  # out of its range by more than this, a joint holds shared moves back [rad]
-_ASKED = 4.0  # frames a knot that tell what a shared move would cost
+_ASKED = 6  # frames of the shortest shared move that tell what moves would cost
 _STILL = 1e-6  # a displacement this small is rounding [rad or m]
 
 
@@ -139,15 +136,11 @@ def fit(
             # Moves add up over the levels, and so must the deviation that they are to keep least.
             deviation = ominus(motion.model, poses, guess[targets.frames])
             if not settled:
-                values, settled = _move(
-                    *(together, values, solver, poses, targets, deviation, spacing)
-                )
+                values, settled = _move(*(together, values, solver, poses, targets, deviation))
                 targets = together.moved(values)
         frames, displacement, last_error = _solve_level(
             solver, poses, targets, clearance, deviation
         )
-        if together is not None and not settled:
-            together = _held_back(together, motion.model, poses, displacement)
         if traced and last_error <= tolerance:
             break
         if len(frames):
@@ -277,26 +270,16 @@ def _move(
     poses: Array,
     targets: Targets,
     deviation: Array,
-    spacing: float,
 ) -> tuple[Array, bool]:
     """Return better shared moves, and whether they hardly changed.
 
-    What frames answer varies as slowly as a level's knots allow: a few a knot stand for all.
+    What frames answer varies slowly: a few of the shortest move speak for all.
     """
-    rows = np.arange(0, len(poses), max(1, int(spacing / _ASKED)))
+    rows = np.arange(0, len(poses), max(1, together.shortest // _ASKED))
     some = targets.at(rows)
     sensitivity = solver.sensitivity(poses[rows], some, deviation[rows])
     better = together.step(values, targets, rows, sensitivity)
     return better, bool(np.abs(better - values).max() < SETTLED)
-
-
-def _held_back(
-    together: SharedMoves, model: mujoco.MjModel, poses: Array, displacement: Array
-) -> SharedMoves:
-    """Return shared moves that are stiffer where they ask more of joints than these can turn."""
-    excess = limits.limit_excess(model, oplus(model, poses, displacement))
-    over = np.flatnonzero(excess.max(axis=1, initial=0.0) > OVER)
-    return together.stiffened(over) if len(over) else together
 
 
 def _solve_level(
@@ -306,7 +289,8 @@ def _solve_level(
     clearance: Clearance | None,
     deviation: Array | None,
 ) -> tuple[NDArray[np.int64], Array, float]:
-    solution = solver.solve(poses, targets, clearance, deviation)
+    kept = {} if deviation is None else {"deviation": deviation}
+    solution = solver.solve(poses, targets, clearance, **kept)
     error = float(solution.error.max(initial=0.0))
     if clearance is None:
         return targets.frames, solution.displacement, error

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mjmotion.constraints import Targets
 from mjmotion.coupling import Coupling, coupling
+from mjmotion.ik.edges import Edges
 from mjmotion.ik.limb import Limbs, LimbState
 from mjmotion.kinematics import body_dofs, body_pose
 from mjmotion.rotations import cross, rotate, to_matrix
@@ -33,6 +34,7 @@ class Reduced:
     root: Array
     closure: tuple[Array, Array]
     state: LimbState
+    edges: Edges | None
 
     def follow_ends(self, limbs: Limbs, targets: Targets) -> Array:
         """Return what limbs do when their ends' sites move and turn in the world (n, nlimb, 7, 6).

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from mjmotion.bones import Bones
 from mjmotion.constraints import Targets
 from mjmotion.ik.body import Base, Reduced
+from mjmotion.ik.edges import Edges, find_edges, same
 from mjmotion.ik.limb import Limb, Limbs, LimbState, find_limbs, limbs_of
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import Clearance, Solution, default_weights
@@ -70,6 +71,7 @@ class HybridIK:
         self._ends = {limb.end: limb for limb in find_limbs(model)}
         self._kept: Reduced | None = None
         self._last: tuple[Array, Limbs, LimbState] | None = None
+        self._edges: Edges | None = None
         self._fixed: tuple[Array, Array] | None = None
         self._plan: tuple[bytes, Limbs | None, NDArray[np.bool_]] | None = None
 
@@ -88,12 +90,15 @@ class HybridIK:
             state = self._state(limbs, qpos)
             goal, end, error = self._goals(limbs, state, closable)
             d0 = limbs.close(state, goal, end)
-            # What is kept serves to share out a displacement; to keep a sum least it must be true.
-            again = deviation is None
-            reduced = self._reduced(qpos, limbs, state, closable, error, again)
+            reduced = self._reduced(qpos, limbs, state, closable, error)
             base = reduced.base
             before = None if deviation is None else self._before(limbs, base, deviation)
             body, step = self._body_step(limbs, reduced, d0, goal, before)
+            if before is not None:
+                self._edges = find_edges(
+                    *(self.model, limbs, targets.frames, qpos, step, before[1] + step),
+                    reduced.edges,
+                )
             displacement[:, base.dofs] = base.spread(body)
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
         if inequalities is not None:
@@ -136,13 +141,15 @@ class HybridIK:
         if limbs is None or len(closable.sites) < len(targets.sites):
             return self._numeric.sensitivity(qpos, targets, deviation)
         state = self._state(limbs, qpos)
-        goal, end, error = self._goals(limbs, state, closable)
+        goal, end, _ = self._goals(limbs, state, closable)
         d0 = limbs.close(state, goal, end)
-        reduced = self._reduced(qpos, limbs, state, closable, error, again=False)
+        reduced = self._reduce(qpos, limbs, state, closable)
         follow = reduced.follow_ends(limbs, closable)
         rest, rows = d0 * reduced.root, reduced.rows
         if deviation is not None:
             body_before, limbs_before = self._before(limbs, reduced.base, deviation)
+            if reduced.edges is not None:
+                limbs_before = limbs_before - reduced.edges.level
             rest += limbs_before * reduced.root
         rest -= dot(rest, reduced.swivel)[..., None] * reduced.swivel
         count, nlimb = follow.shape[:2]
@@ -176,21 +183,12 @@ class HybridIK:
         return self._last[2]
 
     def _reduced(
-        self,
-        qpos: Array,
-        limbs: Limbs,
-        state: LimbState,
-        targets: Targets,
-        error: Array,
-        again: bool,
+        self, qpos: Array, limbs: Limbs, state: LimbState, targets: Targets, error: Array
     ) -> Reduced:
-        """Return the reduced problem: of now, or ``again`` that of a level before.
-
-        The latter while errors are small.
-        """
-        near = again and error.max(initial=0.0) < KEEP_WITHIN * float(limbs.reach.min())
-        kept = self._kept
-        if kept is not None and kept.frames is targets.frames and (near or kept.qpos is qpos):
+        """Return the reduced problem: of now, or while errors are small that of a level before."""
+        near = error.max(initial=0.0) < KEEP_WITHIN * float(limbs.reach.min())
+        kept, edges = self._kept, None if self._edges is None else self._edges.at(targets.frames)
+        if kept is not None and kept.frames is targets.frames and near and same(kept.edges, edges):
             return kept
         self._kept = self._reduce(qpos, limbs, state, targets)
         return self._kept
@@ -267,16 +265,19 @@ class HybridIK:
         np.matmul(move, np.swapaxes(moving, 2, 3), out=by_limb)
         by_limb[..., 4:] += turn @ np.swapaxes(turning, 2, 3)
         root = np.sqrt(self.weights[limbs.dofs])
+        edges = None if self._edges is None else self._edges.at(targets.frames)
+        if edges is not None:
+            root = edges.root(root)
         swivel = swivel * root
         swivel = swivel / np.maximum(norm(swivel), 1e-9)[..., None]
-        follow *= root
+        follow *= root if edges is None else root[:, None]
         follow -= np.einsum("nbkd,nkd->nbk", follow, swivel)[..., None] * swivel[:, None]
         rows = follow.reshape(len(follow), len(base.weights), -1)
         matrix = rows @ rows.swapaxes(1, 2)
         index = np.arange(len(base.weights))
         matrix[:, index, index] += base.weights
         return Reduced(
-            qpos, targets.frames, base, swivel, rows, matrix, root, (moving, turning), state
+            qpos, targets.frames, base, swivel, rows, matrix, root, (moving, turning), state, edges
         )
 
     def _body_step(
@@ -291,7 +292,10 @@ class HybridIK:
 
         With what there is ``before``, of body and limbs, the two together are least.
         """
-        rest = d0 * reduced.root if before is None else (d0 + before[1]) * reduced.root
+        rest = d0 if before is None else d0 + before[1]
+        if reduced.edges is not None:
+            rest = rest - reduced.edges.level
+        rest = rest * reduced.root
         rest = rest - dot(rest, reduced.swivel)[..., None] * reduced.swivel
         matrix = reduced.matrix
         right = -(reduced.rows @ rest.reshape(len(rest), -1, 1))
@@ -304,6 +308,8 @@ class HybridIK:
         body = np.linalg.solve(matrix, right)
         step = rest.reshape(len(rest), -1) + (body.swapaxes(1, 2) @ reduced.rows)[:, 0]
         step = step.reshape(d0.shape) / reduced.root
+        if reduced.edges is not None:
+            step = step + reduced.edges.level
         return np.asarray(body[..., 0]), step if before is None else step - before[1]
 
     def _pull_into_reach(

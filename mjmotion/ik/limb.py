@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from mjmotion.bones import Bones
 from mjmotion.kinematics import body_pose
+from mjmotion.limits import swing_twist
 from mjmotion.rotations import (
     between,
     conjugate,
@@ -280,6 +281,23 @@ class Limbs:
     def ankle_turn(self, state: LimbState, displacement: Array) -> Array:
         """Return the ankles' own quaternions (n, nlimb, 4) after a displacement (n, nlimb, 7)."""
         return multiply(state.ankle_turn, exp(displacement[..., 4:]))
+
+    def joint_angles(self, qpos: Array, displacement: Array) -> Array:
+        """Return swing and twist of hips, knee angles, swing and twist of ankles (n, nlimb, 7).
+
+        Args:
+          qpos: (n, nq) poses.
+          displacement: (n, nlimb, 7) what they are moved by.
+        """
+        hip_adr, knee_adr, ankle_adr = self._qposadr
+        angles = np.empty(displacement.shape)
+        angles[..., 3] = qpos[:, knee_adr] + displacement[..., 3]
+        for address, columns in ((hip_adr, slice(0, 3)), (ankle_adr, slice(4, 7))):
+            quat = multiply(
+                qpos[:, address[:, None] + np.arange(4)], exp(displacement[..., columns])
+            )
+            angles[..., columns] = swing_twist(quat)
+        return angles
 
     def closure(self, state: LimbState) -> tuple[Array, Array, Array]:
         """Return how a limb's joints follow when its base moves and its end stays.
