@@ -75,6 +75,7 @@ class Parts:
       head_geoms: geoms of the trunk that are the head, where it has no body.
       spine: (2, 3) world positions of the middle of the hips and of the shoulders (of the trunk's
         top, where there are no arms) [m].
+      sole: height of the lowest point of the legs [m].
     """
 
     legs: tuple[Limb, ...]
@@ -83,6 +84,12 @@ class Parts:
     head: tuple[int, ...]
     head_geoms: tuple[int, ...]
     spine: Array
+    sole: float
+
+    @property
+    def hip_height(self) -> float:
+        """Height of the hips over the soles [m]."""
+        return float(self.spine[0, 2] - self.sole)
 
 
 @lru_cache(maxsize=8)
@@ -288,7 +295,8 @@ def _with_trunk(body: _Shape, legs: tuple[Limb, ...], arms: tuple[Limb, ...]) ->
     head_bodies = tuple(body.subtree(head)) if head is not None else ()
     trunk = tuple(b for b in free if b not in head_bodies)
     geoms = () if head is not None or not arms else _head_geoms(body, trunk, high)
-    return Parts(legs, arms, trunk, head_bodies, geoms, np.stack((hips, high)))
+    sole = min(body.low(limb.top) for limb in legs)
+    return Parts(legs, arms, trunk, head_bodies, geoms, np.stack((hips, high)), sole)
 
 
 def _head_geoms(body: _Shape, trunk: Sequence[int], high: Array) -> tuple[int, ...]:

@@ -1,0 +1,204 @@
+"""Retargeting: a motion moves to a character of other proportions, its contacts kept.
+
+Joint angles are copied; the root is carried as high as the other legs hold it (§4.5), and sinks
+where one would not reach; feet get paths through the spots they stood on, or through spots as far
+apart as the other legs are long; hands keep what they hold. Then the same fit as everywhere.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.adapt import Adaptation, carry_out
+from mjmotion.character import find_parts
+from mjmotion.clearance import find_obstacles
+from mjmotion.constraints import Constraint, SiteConstraint, lay_out
+from mjmotion.contacts import Contact, check_contacts, contact_sites, detect_contacts
+from mjmotion.exceptions import ContactError, FitError, unknown_name
+from mjmotion.fit import contact_shift, default_levels
+from mjmotion.footholds import find_feet
+from mjmotion.kinematics import Kinematics, character_geoms, site_id
+from mjmotion.motion import Motion
+from mjmotion.planning import Plan, place, root_shift
+from mjmotion.retarget.copying import carry_root, copy_joints
+from mjmotion.retarget.strides import Strides
+from mjmotion.rotations import from_matrix
+from mjmotion.scene import Scene, compose, load_character, load_scene
+from mjmotion.scene.ground import Ground
+
+Array = NDArray[np.float64]
+
+STRIDES = ("keep", "scale")
+
+
+def retarget(
+    motion: Motion,
+    to: str | Path | mujoco.MjSpec,
+    *,
+    stride: str = "keep",
+    contacts: Sequence[Contact] | None = None,
+    scene: str | Path | Scene = "flat",
+    constraints: Sequence[Constraint] = (),
+    levels: Sequence[float] | None = None,
+    tolerance: float = 1e-4,
+    ik: str = "hybrid",
+    progress: Callable[[str], None] | None = None,
+) -> Adaptation:
+    """Move a motion to another character.
+
+    Args:
+      motion: the motion on its own character. One on a bare model begins at the scene's start, as
+        a clip does; one on a model with a scene is where it is already.
+      to: name of one of our models, an MJCF file, or a spec.
+      stride: ``"keep"``: feet stand where they stood; ``"scale"``: the root's path and the spots
+        are scaled in the plane about the start, as the legs are.
+      contacts: who stands when; those of heels and toes are found in the motion without. A contact
+        of any other site, such as a hand, holds that site where the motion has it, with its
+        orientation.
+      scene: where it is to be: a name, an MJCF file, or a scene.
+      constraints: more that must hold on the new body.
+      levels: frames a knot, coarse to fine.
+      tolerance: refinement stops once no constraint is off by more [m].
+      ik: ``"hybrid"`` or ``"numeric"``.
+      progress: called with the name of each stage as it begins.
+
+    Returns:
+      ``source`` is the motion with its joint angles copied, before the fit.
+
+    Raises:
+      ModelError: a character whose joints the motion does not have, or without what it stands on.
+      ContactError: nothing holds: no contacts and no constraints.
+      SceneError, ConstraintError, FitError: bad input.
+    """
+    say = progress or (lambda stage: None)
+    where = scene if isinstance(scene, Scene) else load_scene(scene)
+    body = load_character(to)
+    say("contacts and footholds")
+    what, held = plan_retarget(motion, body.compile(), where, stride, contacts, constraints)
+    return carry_out(
+        *(what, compose(body, where), body),
+        constraints=[*held, *constraints],
+        levels=levels,
+        tolerance=tolerance,
+        ik=ik,
+        progress=progress,
+    )
+
+
+def plan_retarget(
+    motion: Motion,
+    model: mujoco.MjModel,
+    scene: Scene,
+    stride: str = "keep",
+    contacts: Sequence[Contact] | None = None,
+    constraints: Sequence[Constraint] = (),
+) -> tuple[Plan, tuple[SiteConstraint, ...]]:
+    """Return what a motion asks of another body, and what its hands hold, before any fit.
+
+    Args:
+      motion: the motion on its own character.
+      model: the other character, alone.
+      scene: where it is to be.
+      stride: ``"keep"`` or ``"scale"``.
+      contacts: who stands or holds when; those of heels and toes are found without.
+      constraints: more that must hold on the other body.
+
+    Raises:
+      FitError: an unknown stride.
+      ModelError, ContactError, SceneError: as of :func:`retarget`.
+    """
+    if stride not in STRIDES:
+        raise FitError(unknown_name("stride", stride, STRIDES))
+    alone = len(character_geoms(motion.model)) == motion.model.ngeom
+    motion = place(motion, scene) if alone else motion
+    found = (
+        detect_contacts(motion)
+        if contacts is None
+        else check_contacts(contacts, motion.model, motion.nframe)
+    )
+    found = check_contacts(found, model, motion.nframe)
+    if not found and not constraints:
+        raise ContactError(
+            "nothing to keep: no foot of the motion rests on any ground; give what stands or holds"
+            " with a contacts file"
+        )
+    soles = set(contact_sites(model))
+    standing = [contact for contact in found if contact.site in soles]
+    held = hold_constraints(motion, [contact for contact in found if contact.site not in soles])
+    guess = copy_joints(motion, model)
+    about = motion.qpos[0, :3] * (1.0, 1.0, 0.0)
+    scale = 1.0
+    if stride == "scale":
+        scale = find_parts(model).hip_height / find_parts(motion.model).hip_height
+    if not standing:
+        shift = held_shift(guess, [*held, *constraints])
+        return Plan(guess, found, (), (), (), shift, ()), held
+    strides = Strides.find(motion, find_feet(model), standing, about, scale)
+    guess = carry_root(motion, guess, about, scale, strides.support())
+    placed = strides.place(guess, Ground(scene), float(scene.start_pos[2]))
+    pose = Kinematics(model, guess.nframe).forward(guess.qpos)
+    shift = root_shift(guess, pose, placed.moved)
+    obstacles = find_obstacles(scene.model, guess.qpos[:, :3] + shift, placed.footholds)
+    what = Plan(*(guess, found, placed.paths, strides.spots, placed.footholds), shift, obstacles)
+    return what, held
+
+
+def hold_constraints(motion: Motion, holds: Sequence[Contact]) -> tuple[SiteConstraint, ...]:
+    """Return constraints that hold sites where a motion has them, and turned as it has them.
+
+    A site keeps the mean place of its hold: what drifts in the motion does not on the other body.
+
+    Args:
+      motion: the motion that holds, on its own character.
+      holds: which sites hold when, such as ``Contact("left_hand", 12, 60)``.
+
+    Raises:
+      ModelError: an unknown site.
+    """
+    if not holds:
+        return ()
+    pose = Kinematics(motion.model, motion.nframe).forward(motion.qpos)
+    constraints = []
+    for hold in holds:
+        site = site_id(motion.model, hold.site)
+        frames = np.arange(hold.start, hold.end)
+        constraints.append(
+            SiteConstraint(
+                hold.site,
+                frames,
+                pose.site_xpos[frames, site].mean(axis=0),
+                from_matrix(pose.site_xmat[frames, site]),
+                contact=True,
+            )
+        )
+    return tuple(constraints)
+
+
+def held_shift(guess: Motion, constraints: Sequence[Constraint]) -> Array:
+    """Return the first guess of §4.5 (nframe, 3) [m] for a body that only holds, as on a rope.
+
+    On the other body with its joint angles copied, the mean way from where held sites are to where
+    they are to be holds both what its limbs are longer and what the contacts moved.
+
+    Args:
+      guess: joint angles copied on the other body.
+      constraints: what holds; those with ``contact=True`` count, all where none has it.
+    """
+    places = [one for one in constraints if isinstance(one, SiteConstraint)]
+    places = [one for one in places if one.position is not None]
+    chosen = [one for one in places if one.contact] or places
+    if not chosen:
+        return np.zeros((guess.nframe, 3))
+    targets = lay_out(
+        [dataclasses.replace(one, contact=True) for one in chosen], guess.model, guess.nframe
+    )
+    return contact_shift(guess, targets, default_levels(guess.fps)[:-1])
+
+
+__all__ = ["STRIDES", "held_shift", "hold_constraints", "plan_retarget", "retarget"]
