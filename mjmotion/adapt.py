@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.ankles import give
-from mjmotion.clearance import MARGIN, Obstacle, ObstacleClearance, find_obstacles
+from mjmotion.clearance import MARGIN, ObstacleClearance
 from mjmotion.constraints import Constraint, SiteConstraint, lay_out
-from mjmotion.contacts import Contact, check_contacts, detect_contacts
-from mjmotion.exceptions import ContactError, SceneError, frame_list
+from mjmotion.contacts import Contact
+from mjmotion.exceptions import SceneError, frame_list
 from mjmotion.fit import (
     FINEST,
     Fit,
@@ -35,27 +35,21 @@ from mjmotion.fit import (
     over_all_frames,
     residuals,
 )
-from mjmotion.footholds import Foothold, Stance, find_feet, find_footholds, find_stances
-from mjmotion.footpaths import FootPath, foot_path, free_footholds
+from mjmotion.footholds import find_feet
 from mjmotion.ik.limb import find_limbs, limbs_of
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import default_weights
-from mjmotion.kinematics import Kinematics, Pose
+from mjmotion.kinematics import Kinematics
 from mjmotion.motion import Motion
-from mjmotion.rotations import multiply, rotate, yaw_quat
+from mjmotion.planning import Plan, freed, place, plan, root_shift, shifted
 from mjmotion.scene import Scene, compose, load_character
-from mjmotion.scene.ground import Ground
-from mjmotion.shared import SharedMove
-from mjmotion.smoothing import cover
-from mjmotion.spline import fit_level, fit_multilevel
+from mjmotion.shared import with_moves
+from mjmotion.spline import fit_level
 from mjmotion.tangent import oplus
 
 Array = NDArray[np.float64]
 
 DUCK_MARGIN = 0.05  # distance kept while the way through is found, more than in the end [m]
-REACH_FREE = 0.97  # share of a leg's length that a root path may always ask for
-REACH_MOST = 0.995  # the most it may ask for, where the source did
-DROP_TIME = 0.3  # how far on either side it is felt that a leg would not reach [s]
 ROOT_STIFFNESS = 15.0  # how much stiffer the root is than elsewhere: its path is planned
 LEAN = 0.25  # how far beyond a limb's reach the body may lean for a target [m]
 GIVE_ROUNDS = 2  # times that the fitted motion is asked whether its ankles can follow
@@ -84,131 +78,6 @@ class Adaptation:
     spec: mujoco.MjSpec
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Plan:
-    """What the scene asks of a walk, before anything is fitted.
-
-    Attributes:
-      source: the clip placed at the scene's start, on the character's model.
-      contacts: who stands when.
-      paths: where each foot goes.
-      stances: the feet's stays on one spot.
-      footholds: what it stands on, one a stance.
-      root_shift: (nframe, 3) the first guess of §4.5 [m].
-      obstacles: what to keep clear of.
-    """
-
-    source: Motion
-    contacts: tuple[Contact, ...]
-    paths: tuple[FootPath, ...]
-    stances: tuple[Stance, ...]
-    footholds: tuple[Foothold, ...]
-    root_shift: Array
-    obstacles: tuple[Obstacle, ...]
-
-    def constraints(self) -> list[SiteConstraint]:
-        """Both feet posed at every frame."""
-        frames = np.arange(self.source.nframe)
-        return [
-            SiteConstraint(path.site, frames, path.position, path.quat, contact=True)
-            for path in self.paths
-        ]
-
-    def free_footholds(self) -> list[SharedMove]:
-        """One unknown move for every stance, in the plane of its foothold (§7)."""
-        feet = find_feet(self.source.model)
-        return free_footholds(feet, self.stances, self.footholds, self.source.nframe)
-
-
-def place(clip: Motion, scene: Scene) -> Motion:
-    """Return the clip moved to the scene's start: its origin there, its +x along the start's."""
-    qpos = np.array(clip.qpos)
-    turn = yaw_quat(np.full(len(qpos), scene.start_yaw))
-    qpos[:, :3] = rotate(turn, qpos[:, :3]) + scene.start_pos
-    qpos[:, 3:7] = multiply(turn, qpos[:, 3:7])
-    return clip.replace(qpos)
-
-
-def plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = None) -> Plan:
-    """Find out what the scene asks of a walk.
-
-    Raises:
-      ContactError: the clip has no contacts, or the given ones do not fit it.
-      ModelError: the character has no feet.
-      SceneError: no ground under the walk.
-    """
-    source = place(clip, scene)
-    feet = find_feet(clip.model)
-    found = (
-        detect_contacts(source)
-        if contacts is None
-        else check_contacts(contacts, clip.model, clip.nframe)
-    )
-    if not found:
-        raise ContactError(
-            "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
-            " give them with a contacts file"
-        )
-    pose = Kinematics(source.model, source.nframe).forward(source.qpos)
-    stances = find_stances(source, pose, feet, found)
-    ground = Ground(scene)
-    footholds = find_footholds(stances, feet, ground, float(scene.start_pos[2]))
-    paths = tuple(
-        foot_path(foot, index, pose, stances, footholds, ground, source.fps)
-        for index, foot in enumerate(feet)
-    )
-    shift = root_shift(source, pose, paths)
-    given, standing = give(_shifted(source, shift), feet, paths, found)
-    if given != paths:
-        paths, found = given, standing
-        shift = root_shift(source, pose, paths)
-    obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
-    return Plan(source, found, paths, stances, footholds, shift, obstacles)
-
-
-def _shifted(motion: Motion, shift: Array) -> Motion:
-    qpos = np.array(motion.qpos)
-    qpos[:, :3] += shift
-    return motion.replace(qpos)
-
-
-def root_shift(source: Motion, pose: Pose, paths: Sequence[FootPath]) -> Array:
-    """Return the first guess of §4.5 (nframe, 3) [m]: the mean shift of the feet's contacts.
-
-    Each foot's shift is blended through its swing, so the mean is smooth; it is fitted with the
-    coarse knots alone. Where a leg would then be longer than it is, the root goes down.
-    """
-    mean = np.mean([path.shift for path in paths], axis=0)
-    spacings = default_levels(source.fps)
-    shift = fit_multilevel(np.arange(source.nframe), mean, source.nframe, spacings[:-1])
-    shift[:, 2] -= _drop(source, pose, paths, shift)
-    return shift
-
-
-def _drop(source: Motion, pose: Pose, paths: Sequence[FootPath], shift: Array) -> Array:
-    """How far the root must go down for every foot to be within reach (nframe,) [m]."""
-    ends = {limb.end: limb for limb in find_limbs(source.model)}
-    need = np.full(source.nframe, -np.inf)
-    for path in paths:
-        site = source.model.site(path.site)
-        limb = ends.get(int(site.bodyid[0]))
-        if limb is None:
-            continue
-        limbs = limbs_of(source.model, (limb,))
-        hip = pose.xanchor[:, source.model.body_jntadr[limb.upper]]
-        ankle = pose.xanchor[:, source.model.body_jntadr[limb.end]]
-        was = np.linalg.norm(hip - ankle, axis=1)
-        reach = float(limbs.reach[0])
-        most = np.clip(was, REACH_FREE * reach, REACH_MOST * reach)
-        local = source.model.jnt_pos[source.model.body_jntadr[limb.end]] - site.pos
-        goal = path.position + rotate(path.quat, np.broadcast_to(local, path.position.shape))
-        apart = hip + shift - goal
-        flat = np.linalg.norm(apart[:, :2], axis=1)
-        allowed = np.sqrt(np.maximum(most**2 - flat**2, (0.5 * reach) ** 2))
-        need = np.maximum(need, apart[:, 2] - allowed)
-    return cover(need, DROP_TIME * source.fps)
-
-
 def adapt(
     clip: Motion,
     scene: Scene,
@@ -216,6 +85,7 @@ def adapt(
     character: str | Path = "humanoid",
     contacts: Sequence[Contact] | None = None,
     constraints: Sequence[Constraint] = (),
+    free_footholds: bool = False,
     levels: Sequence[float] | None = None,
     tolerance: float = 1e-4,
     ik: str = "hybrid",
@@ -229,6 +99,7 @@ def adapt(
       character: the character's MJCF, or the name of one of ours.
       contacts: who stands when; found in the clip without.
       constraints: more that must hold; where they name a foot, they override its foothold.
+      free_footholds: let footholds move as a whole to where the walk changes least (§7).
       levels: frames a knot, coarse to fine.
       tolerance: refinement stops once no constraint is off by more [m].
       ik: ``"hybrid"`` or ``"numeric"``.
@@ -241,8 +112,11 @@ def adapt(
     say = progress or (lambda stage: None)
     spec = compose(character, scene)
     say("contacts and footholds")
+    what = plan(clip, scene, contacts)
+    if free_footholds:
+        what = freed(what, scene, ik)
     return carry_out(
-        *(plan(clip, scene, contacts), spec, character),
+        *(what, spec, character),
         constraints=constraints,
         levels=levels,
         tolerance=tolerance,
@@ -280,7 +154,8 @@ def carry_out(
     """
     say = progress or (lambda stage: None)
     composed, model, nframe = spec.compile(), what.source.model, what.source.nframe
-    own = _within_reach(constraints, _shifted(what.source, what.root_shift))
+    weights = stiff_root(model) if what.paths else None
+    own = _within_reach(constraints, shifted(what.source, what.root_shift))
     wanted = [*what.constraints(), *own]
     began = time.perf_counter()
     start: Motion = what.source
@@ -299,7 +174,7 @@ def carry_out(
         levels=levels,
         tolerance=tolerance,
         ik=ik,
-        weights=stiff_root(model),
+        weights=weights,
         clearance=clearance,
         first_guess=shift,
     )
@@ -315,7 +190,7 @@ def carry_out(
             [*what.constraints(), *own],
             levels=[FINEST],
             ik=ik,
-            weights=stiff_root(model),
+            weights=weights,
             clearance=clearance,
             first_guess=False,
         )
@@ -329,8 +204,12 @@ def carry_out(
         )
     if clearance is not None:
         _check_passage(clearance, result)
-    # Against what was asked for, not what was brought within reach.
-    asked = lay_out([*what.constraints(), *constraints], model, nframe)
+    # Against what was asked for, not what was brought within reach; free targets where they went.
+    own = [
+        now if isinstance(one, SiteConstraint) and one.free else one
+        for one, now in zip(constraints, with_moves(own, result.moves), strict=True)
+    ]
+    asked = lay_out([*what.constraints(), *own], model, nframe)
     return Adaptation(
         what.source.on(composed),
         result.motion.on(composed),
@@ -388,7 +267,7 @@ def _duck(
     Only frames that come too near an obstacle take part, so the displacement spreads smoothly to
     the frames around them, which full constraints at every frame would forbid.
     """
-    source, qpos = what.source, _shifted(what.source, what.root_shift).qpos
+    source, qpos = what.source, shifted(what.source, what.root_shift).qpos
     spacings = list(default_levels(source.fps) if levels is None else levels)
     coarse = spacings[: max(1, len(spacings) - 2)]
     frames = np.arange(source.nframe)

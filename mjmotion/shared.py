@@ -110,6 +110,31 @@ def free_moves(constraints: Sequence[Constraint]) -> list[SharedMove]:
     return moves
 
 
+def with_moves(constraints: Sequence[Constraint], values: Array) -> list[Constraint]:
+    """Return constraints with the moves of those that are free made, and held there.
+
+    Args:
+      constraints: some free, some not.
+      values: (m, 4) what the moves of the free ones came to, in order.
+    """
+    held = list(constraints)
+    free = [
+        index
+        for index, one in enumerate(constraints)
+        if isinstance(one, SiteConstraint) and one.free
+    ]
+    moves = free_moves(constraints)
+    for index, move, value in zip(free, moves, values, strict=True):
+        constraint = constraints[index]
+        assert isinstance(constraint, SiteConstraint) and constraint.position is not None
+        turn = exp(value[3] * (np.zeros(3) if move.axis is None else move.axis))
+        step = value[: len(move.directions)] @ move.directions
+        position = move.pivot + rotate(turn, constraint.position - move.pivot) + step
+        quat = None if constraint.quat is None else multiply(turn, constraint.quat)
+        held[index] = dataclasses.replace(constraint, position=position, quat=quat, free=())
+    return held
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Sensitivity:
     """What each frame's least deviation costs when its targets change, to second order.

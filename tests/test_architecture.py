@@ -31,6 +31,7 @@ MAP: tuple[tuple[str, ...], ...] = (
     ("fit",),
     ("wishes",),
     ("clips",),
+    ("planning",),
     ("adapt",),
     ("retarget", "morph", "transition", "edit", "rope", "spacetime"),
     ("validation",),

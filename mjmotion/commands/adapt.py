@@ -20,6 +20,7 @@ DEFAULTS: dict[str, Any] = {
     "character": "humanoid",
     "mapping": None,
     "fps": None,
+    "free_footholds": False,
     "threshold": [],
 }
 
@@ -44,6 +45,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--tolerance", type=positive, metavar="MM", help="stop refining at this error [mm]: 0.1"
     )
     parser.add_argument("--ik", choices=("hybrid", "numeric"), help="IK solver: hybrid")
+    parser.add_argument(
+        "--free-footholds",
+        action="store_true",
+        help="let each foothold move as a whole to where the walk changes least",
+    )
     add_reading(parser)
     add_thresholds(parser)
     parser.set_defaults(**DEFAULTS)
@@ -75,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
             character=args.character,
             contacts=contacts,
             constraints=wishes,
+            free_footholds=args.free_footholds,
             levels=args.levels,
             tolerance=args.tolerance / 1000.0,
             ik=args.ik,
