@@ -1,1 +1,7 @@
-"""Inverse kinematics: the least displacement that meets the constraints of each frame (§5)."""
+"""Inverse kinematics: the numeric and the hybrid solver of §5 behind one protocol."""
+
+from __future__ import annotations
+
+from mjmotion.ik.count import parameters
+
+__all__ = ["parameters"]
