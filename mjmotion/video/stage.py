@@ -121,6 +121,8 @@ class Stage:
     def _pose(self, qpos: Array) -> None:
         self.data.qpos[:] = qpos
         mujoco.mj_kinematics(self.model, self.data)
+        if self.model.nflex:
+            mujoco.mj_flex(self.model, self.data)
 
     def begin(self, qpos: Array, camera: mujoco.MjvCamera, aspect: float) -> None:
         """Start a frame: the model at ``qpos`` (nq,), light, floor and background."""
