@@ -2,6 +2,7 @@
 
     values = fit_level(frames, data, nframe, spacing=16)   # one level, at every frame
     values = fit_multilevel(frames, data, nframe, spacings=(16, 8, 4, 2))
+    values = fit_between(frames, data, start=24, end=96, spacing=12)  # at rest outside
 
 Knots stand every ``spacing`` frames from frame 0 on. A control point is found from the data points
 in its own support alone, so a level is two sparse products and its cost is linear in frames; frames
@@ -125,6 +126,45 @@ def fit_level(
     for _ in range(passes - 1):
         control += fitting @ (data - there @ control)
     return np.asarray(everywhere @ control)
+
+
+def fit_between(
+    frames: ArrayLike,
+    data: NDArray[np.float64],
+    start: int,
+    end: int,
+    spacing: float,
+    *,
+    passes: int = 1,
+) -> NDArray[np.float64]:
+    """Fit one level that is zero outside a range of frames, and begins and ends there smoothly.
+
+    Its knots stand every ``spacing`` frames from ``start`` to ``end``; only control points whose
+    support lies within take part, so value, velocity and acceleration are zero at both.
+
+    Args:
+      frames: (n,) frames that have data, from ``start`` to ``end``.
+      data: (n, k) values.
+      start, end: the outermost knots; a whole number of spacings apart.
+      spacing: frames a knot.
+      passes: times that Eq. 2 is applied, each time to what is left.
+
+    Returns:
+      (end - start + 1, k) values of the spline (Eq. 2) at the whole frames from start to end.
+
+    Raises:
+      FitError: the range is no whole number of spacings.
+    """
+    count = round((end - start) / spacing) if spacing > 0 else 0
+    if count < 1 or abs(count * spacing - (end - start)) > 1e-6:
+        raise FitError(f"frames {start} to {end} are no whole number of knots {spacing:g} apart")
+    at = np.asarray(frames, dtype=np.float64) - start
+    nframe = end - start + 1
+    fitting, there = fit_matrix(at, nframe, spacing), basis_matrix(at, nframe, spacing)
+    control = np.zeros((count + 3, data.shape[1]))
+    for _ in range(passes):
+        control[3:-3] += (fitting @ (data - there @ control))[3:-3]
+    return np.asarray(basis_matrix(np.arange(nframe), nframe, spacing) @ control)
 
 
 @lru_cache(maxsize=64)

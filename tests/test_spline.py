@@ -14,6 +14,7 @@ from mjmotion.exceptions import FitError
 from mjmotion.spline import (
     basis,
     basis_matrix,
+    fit_between,
     fit_level,
     fit_matrix,
     fit_multilevel,
@@ -199,3 +200,40 @@ def test_no_data_is_no_movement() -> None:
 def test_bad_spacing(spacing: float) -> None:
     with pytest.raises(FitError, match="spacing"):
         fit_level([0], np.zeros((1, 1)), 10, spacing)
+
+
+def test_between_two_frames_a_level_is_at_rest_outside() -> None:
+    rng = np.random.default_rng(4)
+    frames, data = np.arange(10, 59), rng.normal(size=(49, 2))
+    for spacing in (12, 6, 3, 1.5):
+        values = fit_between(frames, data, 10, 58, spacing, passes=2)
+        assert values.shape == (49, 2)
+        assert (values[[0, -1]] == 0.0).all() and np.abs(values).max() > 0.05
+        # Value, slope and curvature vanish: near the ends it is the cube of the way.
+        near = np.abs(values[[1, -2]]).max()
+        assert near < 10.0 * np.abs(data).max() / spacing**3
+
+
+def test_one_data_point_on_a_knot_reaches_three_knots_each_way() -> None:
+    data = np.array([[2.0]])
+    values = fit_between(np.array([40]), data, 4, 76, 12)
+    assert values[36, 0] == pytest.approx(2.0, abs=CLOSE)
+    assert np.flatnonzero(values[:, 0]).tolist() == list(range(1, 72))
+    # Nothing had to be left out: it is the level of a spline over the whole clip.
+    whole = fit_level(np.array([36]), data, 100, 12)
+    np.testing.assert_allclose(values[:, 0], whole[:73, 0], atol=CLOSE)
+
+
+def test_passes_between_two_frames_close_in() -> None:
+    frames = np.arange(20, 60)
+    data = np.sin(np.pi * (frames - 20) / 40.0)[:, None] ** 3
+    left = [
+        np.abs(fit_between(frames, data, 20, 60, 4, passes=n)[:-1] - data).max() for n in (1, 2, 4)
+    ]
+    assert left[2] < left[1] < left[0]
+
+
+@pytest.mark.parametrize("span", [(0, 10, 4), (5, 5, 2), (0, 12, 0), (12, 0, 4)])
+def test_a_range_of_no_whole_knots(span: tuple[int, int, float]) -> None:
+    with pytest.raises(FitError, match="whole number"):
+        fit_between(np.array([3]), np.zeros((1, 1)), *span)
