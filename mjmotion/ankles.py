@@ -59,7 +59,7 @@ def give(
                     break
                 path = turned
             if path is not flat:
-                left = _standing(left, foot, flat, path, SHORTEST * motion.fps)
+                left = standing(left, foot, flat, path, SHORTEST * motion.fps)
         given.append(path)
     return tuple(given), tuple(left)
 
@@ -98,10 +98,18 @@ def _turn_back(motion: Motion, limbs: Limbs, foot: Foot, path: FootPath) -> Foot
     return dataclasses.replace(path, position=position, quat=quat)
 
 
-def _standing(
+def standing(
     contacts: Sequence[Contact], foot: Foot, flat: FootPath, path: FootPath, shortest: float
 ) -> list[Contact]:
-    """Cut a foot's heel contacts to the longest stretch in which the heel is still down."""
+    """Cut a foot's heel contacts to the longest stretch in which the heel is still down.
+
+    Args:
+      contacts: all contacts.
+      foot: the foot.
+      flat: its path before it was turned back.
+      path: its path after.
+      shortest: a stretch shorter than this no longer counts as a contact [frames].
+    """
     before = flat.position + rotate(flat.quat, foot.heel)
     after = path.position + rotate(path.quat, foot.heel)
     lifted = np.linalg.norm(after - before, axis=1) > _LIFTED
