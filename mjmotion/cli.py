@@ -24,7 +24,17 @@ from mjmotion.exceptions import MotionError
 
 OK, BROKEN, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130  # exit codes
 
-COMMANDS = ("demo", "adapt", "validate", "render", "info", "scene", "character")  # in the order of the help
+# In the order of the help; a module of mjmotion.commands each.
+COMMANDS = (
+    "demo",
+    "adapt",
+    "validate",
+    "render",
+    "info",
+    "scene",
+    "character",
+    "edit-frame",
+)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -1,0 +1,336 @@
+"""One frame edited: what changes, what does not, what stays on the ground, and how far it goes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up import MIXED, humanoid, loop_quats, loop_sites, mixed, walk
+
+from mjmotion.adapt import Adaptation
+from mjmotion.contacts import Contact, detect_contacts
+from mjmotion.edit import HOLDS, Span, deformation, edit_frame
+from mjmotion.exceptions import ConstraintError, ContactError, FitError, ModelError
+from mjmotion.limits import limit_excess
+from mjmotion.motion import Motion
+from mjmotion.report.ranges import write_ranges
+from mjmotion.results import read_results
+from mjmotion.spline import basis
+
+FRAME = 45
+SINK = (0.0, 0.0, -0.15)
+FEET = ("left_heel", "left_toe", "right_heel", "right_toe")
+
+
+@pytest.fixture(scope="module")
+def clip() -> Motion:
+    return walk()
+
+
+@pytest.fixture(scope="module")
+def sunk(clip: Motion) -> Adaptation:
+    return edit_frame(clip, FRAME, "pelvis", by=SINK, spacing=12)
+
+
+def changed(edited: Adaptation) -> list[int]:
+    """Frames that are not the source's to the bit."""
+    before, after = edited.source.qpos, edited.motion.qpos
+    return np.flatnonzero((before.view(np.int64) != after.view(np.int64)).any(axis=1)).tolist()
+
+
+def site(motion: Motion, name: str) -> np.ndarray:
+    return loop_sites(motion.model, motion.qpos)[:, motion.model.site(name).id]
+
+
+# The range
+
+
+@pytest.mark.parametrize("spacing", [4, 6, 12])
+def test_exactly_the_frames_within_seven_knots_change(clip: Motion, spacing: int) -> None:
+    edited = edit_frame(clip, FRAME, "pelvis", by=SINK, spacing=spacing)
+    knots = Span(FRAME, spacing, clip.nframe).knots
+    assert len(knots) == 7 and knots[3] == FRAME
+    # The outermost knots are where the change begins and ends: they stay themselves.
+    assert changed(edited) == list(range(knots[0] + 1, knots[-1]))
+    assert (edited.source.qpos == clip.qpos).all()
+
+
+def test_the_range_grows_with_the_knots_and_not_with_the_levels(clip: Motion) -> None:
+    lengths = [
+        len(changed(edit_frame(clip, FRAME, "pelvis", by=SINK, spacing=spacing, levels=levels)))
+        for spacing in (4, 6, 12)
+        for levels in (1, 4)
+    ]
+    assert lengths == [23, 23, 35, 35, 71, 71]
+
+
+@pytest.mark.parametrize("hold", HOLDS)
+def test_the_range_is_the_same_whatever_is_held(clip: Motion, hold: str) -> None:
+    edited = edit_frame(clip, FRAME, "pelvis", by=SINK, spacing=6, hold=hold)  # type: ignore[arg-type]
+    assert changed(edited) == list(range(FRAME - 17, FRAME + 18))
+
+
+@pytest.mark.parametrize("frame", [0, 3, 88, 90])
+def test_near_an_end_the_clip_cuts_the_range(clip: Motion, frame: int) -> None:
+    edited = edit_frame(clip, frame, "pelvis", by=(0.0, 0.0, -0.05), spacing=4)
+    assert changed(edited) == list(range(max(0, frame - 11), min(clip.nframe, frame + 12)))
+    assert np.linalg.norm(site(edited.motion, "pelvis")[frame] - site(clip, "pelvis")[frame]) > 0.04
+
+
+def test_the_root_follows_the_spline_of_one_data_point(sunk: Adaptation) -> None:
+    """The root goes where level one takes it: 1/3, 4/3, 1/3 of the change at three knots."""
+    sink = sunk.motion.qpos[:, 2] - sunk.source.qpos[:, 2]
+    away = np.abs(np.arange(sunk.source.nframe) - FRAME) / 12.0
+    bump = np.zeros(len(sink))
+    for knot, share in ((-1, 1 / 3), (0, 4 / 3), (1, 1 / 3)):
+        distance = np.abs((np.arange(len(sink)) - FRAME) / 12.0 - knot)
+        whole = np.floor(distance).astype(int)
+        pieces = basis(distance - whole)
+        bump += share * np.where(whole == 0, pieces[:, 1], np.where(whole == 1, pieces[:, 0], 0.0))
+    assert bump[FRAME] == pytest.approx(1.0)
+    assert (bump[away >= 3.0] == 0.0).all()
+    np.testing.assert_allclose(sink, -0.15 * bump, atol=2e-3)
+
+
+def test_deformation_is_largest_at_the_frame_and_fades(sunk: Adaptation) -> None:
+    size = deformation(sunk)
+    assert abs(int(size.argmax()) - FRAME) < 12 and size[FRAME] > 0.15 - 1e-6
+    assert (size[[FRAME - 36, FRAME + 36]] == 0.0).all()
+    assert size[[FRAME - 30, FRAME + 30]].max() < 0.03
+
+
+# The pose
+
+
+def test_the_pelvis_sinks_over_knees_that_bend_and_feet_that_stay(sunk: Adaptation) -> None:
+    before, after = sunk.source, sunk.motion
+    np.testing.assert_allclose(
+        site(after, "pelvis")[FRAME] - site(before, "pelvis")[FRAME], SINK, atol=1e-6
+    )
+    stands = [c.site for c in sunk.contacts if c.start <= FRAME < c.end]
+    assert stands
+    for name in stands:
+        assert np.linalg.norm(site(after, name)[FRAME] - site(before, name)[FRAME]) < 1e-6
+        knee = after.model.joint(f"{name.split('_')[0]}_knee").qposadr[0]
+        assert after.qpos[FRAME, knee] > before.qpos[FRAME, knee] + 0.3
+    assert not sunk.unmet
+    assert limit_excess(after.model, after.qpos).max() < 1e-9
+
+
+def test_nothing_that_stands_slides_anywhere_in_the_range(sunk: Adaptation) -> None:
+    checked = 0
+    for contact in sunk.contacts:
+        frames = slice(contact.start, contact.end)
+        gap = site(sunk.motion, contact.site)[frames] - site(sunk.source, contact.site)[frames]
+        # A heel that rises less than half a millimetre with its ankle still stands.
+        most = 5e-4 if contact.site.endswith("heel") else 1e-6
+        assert np.linalg.norm(gap, axis=1).max() < most, contact
+        checked += contact.start < FRAME + 36 and contact.end > FRAME - 36
+    assert checked >= 8
+
+
+def test_feet_in_the_air_keep_their_way_too(sunk: Adaptation) -> None:
+    for name in ("left_foot", "right_foot"):
+        lower = site(sunk.motion, name)[:, 2] - site(sunk.source, name)[:, 2]
+        assert lower.min() > -1e-6, name
+
+
+def test_free_feet_slide_and_that_is_what_holding_is_for(clip: Motion) -> None:
+    free = edit_frame(clip, FRAME, "pelvis", by=SINK, hold="frame")
+    slid = max(
+        np.linalg.norm(site(free.motion, name) - site(free.source, name), axis=1).max()
+        for name in FEET
+    )
+    assert slid > 0.02
+
+
+def test_contacts_hold_what_stands_and_let_the_other_foot_sink(clip: Motion) -> None:
+    edited = edit_frame(clip, FRAME, "pelvis", by=SINK, hold="contacts")
+    for contact in edited.contacts:
+        frames = slice(contact.start, contact.end)
+        gap = site(edited.motion, contact.site)[frames] - site(edited.source, contact.site)[frames]
+        assert np.linalg.norm(gap, axis=1).max() < 5e-4, contact
+    lower = [
+        (site(edited.motion, name) - site(edited.source, name))[:, 2].min()
+        for name in ("left_foot", "right_foot")
+    ]
+    assert min(lower) < -0.02
+
+
+def test_two_sites_at_once_bend_the_body_forward(clip: Motion) -> None:
+    by = np.array([SINK, (0.32, 0.0, -0.29)])
+    edited = edit_frame(clip, FRAME, ["pelvis", "head_top"], by=by, spacing=6)
+    for name, wanted in zip(("pelvis", "head_top"), by, strict=True):
+        gap = site(edited.motion, name)[FRAME] - site(edited.source, name)[FRAME]
+        np.testing.assert_allclose(gap, wanted, atol=1e-6)
+    there = site(clip, "pelvis")[FRAME] + SINK
+    again = edit_frame(clip, FRAME, "pelvis", to=there, spacing=6)
+    np.testing.assert_allclose(site(again.motion, "pelvis")[FRAME], there, atol=1e-6)
+
+
+def test_a_lifted_foot_no_longer_stands_and_stands_again_later(clip: Motion) -> None:
+    frame = 30
+    stands = {c.site: c for c in detect_contacts(clip) if c.start <= frame < c.end}
+    side = next(iter(stands)).split("_")[0]
+    edited = edit_frame(clip, frame, f"{side}_foot", by=(0.0, 0.0, 0.1), spacing=4)
+    np.testing.assert_allclose(
+        site(edited.motion, f"{side}_foot")[frame],
+        site(clip, f"{side}_foot")[frame] + (0, 0, 0.1),
+        atol=1e-5,
+    )
+    assert not [c for c in edited.contacts if c.site.startswith(side) and c.start <= frame < c.end]
+    assert any(c.site.startswith(side) and c.start > frame for c in edited.contacts)
+
+
+@pytest.mark.parametrize("by", [(0.0, 0.0, 0.5), (0.0, 0.0, -0.9)])
+def test_a_drag_out_of_reach_goes_as_far_as_the_feet_let_it(clip: Motion, by: tuple) -> None:
+    edited = edit_frame(clip, FRAME, "pelvis", by=by, spacing=6)
+    moved = site(edited.motion, "pelvis")[FRAME] - site(edited.source, "pelvis")[FRAME]
+    assert 0.0 < moved @ by / (np.linalg.norm(by) ** 2) < 0.9
+    (missed,) = [one for one in edited.unmet if one.constraint == "position of pelvis"]
+    assert missed.frames == (FRAME,)
+    assert missed.residual_mm == pytest.approx(1000 * np.linalg.norm(by - moved), rel=1e-3)
+    for contact in edited.contacts:
+        if contact.start <= FRAME < contact.end:
+            gap = site(edited.motion, contact.site) - site(edited.source, contact.site)
+            assert np.linalg.norm(gap[FRAME]) < 2e-3, contact
+    assert limit_excess(edited.motion.model, edited.motion.qpos).max() < 1e-9
+
+
+def test_levels_refine(sunk: Adaptation) -> None:
+    errors = [level.max_error_percent for level in sunk.trace.levels]
+    assert [level.frames_per_knot for level in sunk.trace.levels][:4] == [12.0, 6.0, 3.0, 1.5]
+    assert errors[3] < errors[2] < errors[1] < errors[0]
+    assert sunk.trace.first_error_percent == pytest.approx(100 * 0.15 / 1.75, rel=0.02)
+    assert sunk.trace.exact_error_percent < 1e-3
+
+
+def test_jerk_stays_as_it_was(sunk: Adaptation) -> None:
+    from mjmotion.validation.figures import joint_jerk
+
+    rms = [np.sqrt(np.mean(joint_jerk(m) ** 2)) for m in (sunk.source, sunk.motion)]
+    assert rms[1] < 1.1 * rms[0]
+
+
+def test_the_argument_stays(clip: Motion) -> None:
+    before = clip.qpos.copy()
+    edit_frame(clip, FRAME, "left_hand", by=(0.1, 0.0, 0.2), spacing=4)
+    assert (clip.qpos == before).all()
+
+
+def test_any_tree_with_a_free_root_can_be_edited(tmp_path: Path) -> None:
+    path = tmp_path / "mixed.xml"
+    path.write_text(MIXED, "utf-8")
+    model = mixed()
+    motion = Motion(model, np.tile(model.qpos0, (40, 1)), 30.0)
+    held = (Contact("tip", 0, 40),)
+    edited = edit_frame(
+        motion, 20, "other", by=(0.02, 0.0, 0.03), spacing=4, contacts=held, character=path
+    )
+    assert changed(edited) == list(range(9, 32))
+    gap = site(edited.motion, "other")[20] - site(motion, "other")[20]
+    np.testing.assert_allclose(gap, (0.02, 0.0, 0.03), atol=1e-4)
+    assert np.linalg.norm(site(edited.motion, "tip") - site(motion, "tip"), axis=1).max() < 1e-3
+    turned = loop_quats(edited.motion.model, edited.motion.qpos, "tip")
+    assert np.isfinite(turned).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"frame": 91}, FitError, "0 to 90"),
+        ({"frame": -1}, FitError, "0 to 90"),
+        ({"spacing": 0}, FitError, "spacing 0"),
+        ({"spacing": 2.5}, FitError, "spacing 2.5"),
+        ({"levels": 0}, FitError, "levels 0"),
+        ({"hold": "fest"}, FitError, "feet"),
+        ({"site": "plevis"}, ModelError, "pelvis"),
+        ({"site": []}, ConstraintError, "none"),
+        ({"site": ["pelvis", "pelvis"]}, ConstraintError, "different"),
+        ({"by": None}, ConstraintError, "either"),
+        ({"to": (0.0, 0.0, 1.0)}, ConstraintError, "either"),
+        ({"by": (0.0, 1.0)}, ConstraintError, "3 numbers"),
+        ({"by": (0.0, 0.0, float("nan"))}, ConstraintError, "finite"),
+        ({"contacts": [Contact("left_heel", 0, 999)]}, ContactError, "999"),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)
+def test_bad_edits(clip: Motion, change: dict, error: type[Exception], words: str) -> None:
+    settings = {"frame": FRAME, "site": "pelvis", "by": SINK, **change}
+    frame, name = settings.pop("frame"), settings.pop("site")
+    with pytest.raises(error, match=words):
+        edit_frame(clip, frame, name, **settings)
+
+
+# The plot and the command
+
+
+def test_the_plot_shows_every_spacing(clip: Motion, tmp_path: Path) -> None:
+    edits = {s: edit_frame(clip, FRAME, "pelvis", by=SINK, spacing=s) for s in (4, 12)}
+    path = write_ranges(tmp_path / "edit.svg", edits, FRAME)
+    text = path.read_text("utf-8")
+    assert text.lstrip().startswith("<?xml") and text.count('id="axes_') == 2
+
+
+def run(*words: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "mjmotion", "edit-frame", *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+@pytest.fixture(scope="module")
+def file(clip: Motion, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("clip") / "walk.npz"
+    clip.save(path)
+    return path
+
+
+def test_the_command_writes_a_result_with_a_plot(file: Path, tmp_path: Path) -> None:
+    words = ("--frame", FRAME, "--site", "pelvis", "--by", 0, 0, -0.1, "--spacing", 6)
+    done = run(file, *words, "--out", tmp_path / "out", "--no-video")
+    assert done.returncode == 0, done.stderr
+    assert f"35 frames change, {FRAME - 17} to {FRAME + 17}" in done.stdout
+    results = read_results(tmp_path / "out")
+    assert (tmp_path / "out" / "edit.png").stat().st_size > 10_000
+    moved = np.flatnonzero((results.motion.qpos != results.source.qpos).any(axis=1))
+    assert (moved[0], moved[-1]) == (FRAME - 17, FRAME + 17)
+    # A result can be edited again: it brings its own model and contacts.
+    again = ("--frame", 20, "--site", "left_hand", "--by", 0, 0.1, 0.1, "--site", "pelvis")
+    done = run(
+        *(tmp_path / "out", *again, "--by", 0, 0, -0.05),
+        *("--spacing", 12, "--out", tmp_path / "again", "--no-video"),
+    )
+    assert done.returncode == 0, done.stderr
+    second = read_results(tmp_path / "again")
+    assert (second.source.qpos == results.motion.qpos).all()
+    assert second.model.ngeom == results.model.ngeom
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--site", "pelvis", "--by", 0, 0, -0.1, "--frame", 400), "0 to 90"),
+        (("--site", "plevis", "--by", 0, 0, -0.1, "--frame", 4), "pelvis"),
+        (("--site", "pelvis", "--frame", 4), "--by"),
+        (("--site", "pelvis", "--by", 0, 0, 1, "--to", 0, 0, 1, "--frame", 4), "1 sites and 2"),
+        (("--site", "pelvis", "--by", 0, 0, "x", "--frame", 4), "'x'"),
+        (("--site", "pelvis", "--by", 0, 0, 1, "--frame", -4), "-4"),
+        (("--site", "pelvis", "--by", 0, 0, 1, "--frame", 4, "--spacing", 0), "'0'"),
+    ],
+)
+def test_bad_words(file: Path, tmp_path: Path, words: tuple, said: str) -> None:
+    done = run(file, *words, "--out", tmp_path / "deep" / "out", "--no-video")
+    assert done.returncode == 2, done.stderr
+    assert len(done.stderr.splitlines()) == 1 and said in done.stderr, done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_humanoid_has_what_is_dragged() -> None:
+    names = {humanoid().site(i).name for i in range(humanoid().nsite)}
+    assert {"pelvis", "head_top", "left_hand", "right_foot"} <= names
