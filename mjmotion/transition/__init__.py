@@ -1,0 +1,30 @@
+"""Transitions: one clip goes over into the next, and no foot slides (§6, Figure 5e).
+
+result = transition(walk, sneak)
+result = join([walk, sneak, walk])
+result.source, result.motion      # the blend before the fit, and after
+"""
+
+from __future__ import annotations
+
+from mjmotion.transition.blend import Blend, blend
+from mjmotion.transition.join import Joined, blend_clips, join, transition
+from mjmotion.transition.overlap import Overlap, find_overlap
+from mjmotion.transition.sampling import resample, resample_contacts, sample
+from mjmotion.transition.warp import Warp, find_warp
+
+__all__ = [
+    "Blend",
+    "Joined",
+    "Overlap",
+    "Warp",
+    "blend",
+    "blend_clips",
+    "find_overlap",
+    "find_warp",
+    "join",
+    "resample",
+    "resample_contacts",
+    "sample",
+    "transition",
+]

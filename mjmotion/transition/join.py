@@ -1,0 +1,222 @@
+"""Clips joined by transitions, every contact enforced by the fit.
+
+The blend slides its feet wherever two clips' strides differ. Each contact of it becomes a foothold
+on level ground, the mean of where the blend puts that foot; feet go there as on any ground
+(:mod:`mjmotion.footpaths`), and the fit takes the body along.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.adapt import Adaptation, carry_out, plan
+from mjmotion.contacts import Contact, check_contacts, detect_contacts
+from mjmotion.exceptions import ClipError, ModelError
+from mjmotion.footholds import find_feet
+from mjmotion.motion import Motion
+from mjmotion.scene import compose, load_scene
+from mjmotion.transition.blend import blend, placed
+from mjmotion.transition.overlap import Overlap, find_overlap
+from mjmotion.transition.sampling import resample, resample_contacts
+from mjmotion.transition.warp import find_warp
+
+Array = NDArray[np.float64]
+Place = Overlap | tuple[int, int, int]
+Contacts = Sequence[Contact] | None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Joined:
+    """Clips in one, before any fit.
+
+    Attributes:
+      motion: the blend, beginning at the origin along +x.
+      contacts: who stands when.
+      overlaps: of every two clips: frames of the result ``(start, end)``.
+    """
+
+    motion: Motion
+    contacts: tuple[Contact, ...]
+    overlaps: tuple[tuple[int, int], ...]
+
+
+def blend_clips(
+    clips: Sequence[Motion],
+    *,
+    overlaps: Sequence[Place | None] | None = None,
+    contacts: Sequence[Contacts] | None = None,
+    length: int | None = None,
+) -> Joined:
+    """Return clips in one, each gone over into the next, with nothing enforced.
+
+    Args:
+      clips: two or more, of one model; the others are put at the first's rate.
+      overlaps: one fewer: where each goes over into the next (frame of the one, frame of the other,
+        frames it lasts), by the clips' own frames at the first's rate; the best found where None.
+      contacts: of each clip, at its own rate; found in it where None.
+      length: frames that an overlap lasts which is found.
+
+    Raises:
+      ClipError: fewer than two clips, different models, clips too short to overlap, an overlap that
+        is not within its clips.
+      ContactError: contacts that do not fit their clip, or a clip without any.
+    """
+    if len(clips) < 2:
+        raise ClipError(f"{len(clips)} clips cannot be joined: give two at least")
+    ready = _at_one_rate(clips, contacts or [None] * len(clips))
+    places = list(overlaps) if overlaps is not None else [None] * (len(clips) - 1)
+    if len(places) != len(clips) - 1:
+        raise ClipError(
+            f"{len(places)} overlaps for {len(clips)} clips: give {len(clips) - 1}, None for those"
+            " to be found"
+        )
+    first, standing = ready[0]
+    cut = 0  # frames that the clip at the end of the blend has lost of its own
+    earliest = 0
+    spans = []
+    for (second, others), place in zip(ready[1:], places, strict=True):
+        pair = (standing, others)
+        if place is None:
+            where = find_overlap(first, second, pair, length=length, earliest=earliest)
+        else:
+            given = place if isinstance(place, Overlap) else Overlap(*place)
+            where = dataclasses.replace(given, first=given.first + cut)
+            if where.first < earliest:
+                raise ClipError(
+                    f"an overlap begins at frame {given.first} of a clip, before the one before it"
+                    f" has ended at {earliest - cut}: begin later"
+                )
+        both = blend(
+            first, second, pair, find_warp(first, second, pair, where, align=place is None)
+        )
+        cut, earliest = both.end - both.unused, both.end
+        first, standing = both.motion, both.contacts
+        spans.append((both.start, both.end))
+    return Joined(first, standing, tuple(spans))
+
+
+def _at_one_rate(
+    clips: Sequence[Motion], contacts: Sequence[Contacts]
+) -> list[tuple[Motion, tuple[Contact, ...]]]:
+    """Return the clips at the first's rate, begun at the origin, with their contacts."""
+    fps, ready = clips[0].fps, []
+    if len(contacts) != len(clips):
+        raise ClipError(f"contacts of {len(contacts)} clips for {len(clips)}: give one a clip")
+    for number, (clip, given) in enumerate(zip(clips, contacts, strict=True), start=1):
+        try:
+            clip = clip.on(clips[0].model)
+        except ModelError as error:
+            raise ClipError(
+                f"clip {number} has another model than clip 1: clips of one character can be"
+                " joined; retarget the one first"
+            ) from error
+        motion = resample(clip, fps)
+        if given is None:
+            found = detect_contacts(motion)
+        else:
+            found = check_contacts(given, clip.model, clip.nframe)
+            found = resample_contacts(found, clip.fps, fps, motion.nframe)
+        start = np.zeros(motion.model.nq)
+        start[3] = 1.0
+        ready.append((motion.replace(placed(motion.qpos, motion.qpos[0], start)), found))
+    find_feet(clips[0].model)
+    return ready
+
+
+def join(
+    clips: Sequence[Motion],
+    *,
+    overlaps: Sequence[Place | None] | None = None,
+    contacts: Sequence[Contacts] | None = None,
+    length: int | None = None,
+    character: str | Path = "humanoid",
+    levels: Sequence[float] | None = None,
+    tolerance: float = 1e-4,
+    ik: str = "hybrid",
+    progress: Callable[[str], None] | None = None,
+) -> Adaptation:
+    """Join clips by transitions and enforce their contacts on level ground.
+
+    Args:
+      clips: two or more, of one model; the others are put at the first's rate.
+      overlaps: one fewer, as :func:`blend_clips` takes them.
+      contacts: of each clip; found in it where None.
+      length: frames that an overlap lasts which is found.
+      character: the MJCF that the clips are on, or the name of one of ours.
+      levels: frames a knot, coarse to fine.
+      tolerance: refinement stops once no constraint is off by more [m].
+      ik: ``"hybrid"`` or ``"numeric"``.
+      progress: called with the name of each stage as it begins.
+
+    Returns:
+      The source is the blend, before the fit.
+
+    Raises:
+      ClipError, ContactError: as :func:`blend_clips`; a clip in which no foot stands.
+      ConstraintError, ModelError, FitError: bad input.
+    """
+    say = progress or (lambda stage: None)
+    say("overlaps and blends")
+    joined = blend_clips(clips, overlaps=overlaps, contacts=contacts, length=length)
+    say("footholds")
+    scene = load_scene("flat")
+    return carry_out(
+        *(plan(joined.motion, scene, joined.contacts), compose(character, scene), character),
+        levels=levels,
+        tolerance=tolerance,
+        ik=ik,
+        progress=progress,
+    )
+
+
+def transition(
+    a: Motion,
+    b: Motion,
+    *,
+    overlap: Place | None = None,
+    contacts_a: Contacts = None,
+    contacts_b: Contacts = None,
+    length: int | None = None,
+    character: str | Path = "humanoid",
+    levels: Sequence[float] | None = None,
+    tolerance: float = 1e-4,
+    ik: str = "hybrid",
+    progress: Callable[[str], None] | None = None,
+) -> Adaptation:
+    """Go over from one clip into another; see :func:`join`.
+
+    Args:
+      a: the clip that is left.
+      b: the clip that is gone into.
+      overlap: frame of ``a``, frame of ``b`` and how many frames it lasts; the best one without.
+      contacts_a: who stands when in ``a``; found in it without.
+      contacts_b: the same of ``b``.
+      length: frames that an overlap lasts which is found.
+      character: the MJCF that the clips are on, or the name of one of ours.
+      levels: frames a knot, coarse to fine.
+      tolerance: refinement stops once no constraint is off by more [m].
+      ik: ``"hybrid"`` or ``"numeric"``.
+      progress: called with the name of each stage as it begins.
+
+    Raises:
+      ClipError, ContactError, ConstraintError, ModelError, FitError: as :func:`join`.
+    """
+    return join(
+        [a, b],
+        overlaps=[overlap],
+        contacts=[contacts_a, contacts_b],
+        length=length,
+        character=character,
+        levels=levels,
+        tolerance=tolerance,
+        ik=ik,
+        progress=progress,
+    )
+
+
+__all__ = ["Contacts", "Joined", "Place", "blend_clips", "join", "transition"]
