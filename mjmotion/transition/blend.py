@@ -16,7 +16,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.contacts import Contact
+from mjmotion.contacts import Contact, contact_mask
+from mjmotion.kinematics import site_id, site_positions
 from mjmotion.motion import Motion
 from mjmotion.rotations import multiply, rotate, yaw_quat
 from mjmotion.tangent import ominus, oplus
@@ -28,6 +29,7 @@ Array = NDArray[np.float64]
 
 SHORTEST = 2  # frames; a contact that is cut shorter is dropped
 FLAT = 0.07  # a foot whose heel and toe touch within this comes down flat [s]
+PLANTED = 0.06  # over which the root's speed is smoothed that keeps standing feet where they are [s]
 _PAIRED = 0.3  # share of the shorter that two contacts have in common at least to be one
 
 
@@ -72,7 +74,33 @@ def blend(
     later = placed(second.qpos[rest:], second.qpos[rest], begun[-1])
     qpos = np.concatenate((begun[:-1], later))
     motion = first.replace(qpos)
-    return Blend(motion, _contacts(contacts, warp, motion), start, end, rest)
+    kept = _contacts(contacts, warp, motion)
+    return Blend(_planted(motion, kept, start, end), kept, start, end, rest)
+
+
+def _planted(motion: Motion, contacts: Sequence[Contact], start: int, end: int) -> Motion:
+    """Return a blend whose root goes, over the overlap, as its standing feet let it.
+
+    Joints between two gaits' move a standing foot against the root at a speed of their own; the
+    root is given the opposite one, smoothly, which leaves to the fit what differs between the feet.
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    span = slice(start, end + 1)
+    model, frames = motion.model, np.arange(start, end + 1)
+    total, count = np.zeros((end - start, 2)), np.zeros((end - start, 1))
+    for site in sorted({contact.site for contact in contacts}):
+        held = contact_mask(contacts, site, motion.nframe)[span]
+        held = held[1:] & held[:-1]
+        place = site_positions(model, motion.qpos[frames], np.array([site_id(model, site)]))
+        total += held[:, None] * np.diff(place[:, 0, :2], axis=0)
+        count += held[:, None]
+    slip = total / np.maximum(count, 1.0)
+    step = -gaussian_filter1d(slip, PLANTED * motion.fps, axis=0, mode="constant")
+    qpos = np.array(motion.qpos)
+    qpos[start + 1 : end + 1, :2] += np.cumsum(step, axis=0)
+    qpos[end + 1 :, :2] += step.sum(axis=0)
+    return motion.replace(qpos)
 
 
 def _poses(first: Motion, second: Motion, warp: Warp) -> Array:
