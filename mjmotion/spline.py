@@ -17,12 +17,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.exceptions import FitError
+
+
+class Curve(Protocol):
+    """Fits one level to data at some frames, and returns it at every frame; see fit_level."""
+
+    def __call__(
+        self,
+        frames: ArrayLike,
+        data: NDArray[np.float64],
+        nframe: int,
+        spacing: float,
+        *,
+        passes: int = 1,
+    ) -> NDArray[np.float64]:
+        """Return (nframe, k) values."""
+        ...
 
 
 def basis(fraction: ArrayLike) -> NDArray[np.float64]:

@@ -42,7 +42,7 @@ from mjmotion.ik.solver import Clearance, IKSolver
 from mjmotion.kinematics import character_height, site_positions
 from mjmotion.motion import Motion
 from mjmotion.shared import SETTLED, SharedMove, SharedMoves, free_moves
-from mjmotion.spline import fit_level, fit_multilevel
+from mjmotion.spline import Curve, fit_level, fit_multilevel
 from mjmotion.tangent import ominus, oplus
 
 Array = NDArray[np.float64]
@@ -80,6 +80,7 @@ def fit(
     unmet_tolerance: float = UNMET,
     shared: Sequence[SharedMove] = (),
     bones: Bones | None = None,
+    curve: Curve = fit_level,
     progress: Callable[[int, int], None] | None = None,
 ) -> Fit:
     """Fit a motion to constraints (Algorithm 1).
@@ -98,6 +99,7 @@ def fit(
       unmet_tolerance: residual from which a constraint counts as not met [m].
       shared: moves that frames have in common (§7), besides those of ``free`` constraints.
       bones: a body for each frame, where it changes (Figure 5d).
+      curve: fits a level in place of Eq. 2, to compare it with (§7).
       progress: called with levels done and levels in all.
 
     Raises:
@@ -146,7 +148,7 @@ def fit(
         if len(frames):
             if clearance is None:
                 submap = fit_submap(
-                    motion.model, targets, displacement, motion.nframe, spacing, _PASSES
+                    motion.model, targets, displacement, motion.nframe, spacing, _PASSES, curve
                 )
             else:  # what is to be kept clear may ask any joint in any frame
                 submap = fit_level(frames, displacement, motion.nframe, spacing, passes=_PASSES)

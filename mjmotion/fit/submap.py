@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mjmotion.constraints import Targets
 from mjmotion.kinematics import body_dofs
-from mjmotion.spline import fit_level
+from mjmotion.spline import Curve, fit_level
 
 Array = NDArray[np.float64]
 
@@ -26,6 +26,7 @@ def fit_submap(
     nframe: int,
     spacing: float,
     passes: int,
+    curve: Curve = fit_level,
 ) -> Array:
     """Return the submap (nframe, nv) of one level.
 
@@ -36,6 +37,7 @@ def fit_submap(
       nframe: frames of the motion.
       spacing: frames a knot.
       passes: times that Eq. 2 is applied.
+      curve: how a level is fitted, if not so.
     """
     moves = np.zeros((len(targets.sites) + 1, model.nv), dtype=bool)
     for row, site in zip(moves, targets.sites, strict=False):
@@ -45,7 +47,7 @@ def fit_submap(
     held = np.column_stack((held, targets.other))
     if held[:, :-1].all():
         frames = targets.frames
-        return fit_level(frames, displacement, nframe, spacing, passes=passes)
+        return curve(frames, displacement, nframe, spacing, passes=passes)
     submap = np.zeros((nframe, model.nv))
     kinds, kind = np.unique(moves, axis=1, return_inverse=True)
     asked = np.stack([held[:, one].any(axis=1) for one in kinds.T])
@@ -53,7 +55,5 @@ def fit_submap(
         columns = np.flatnonzero((asked == rows).all(axis=1)[kind])
         if rows.any():
             data = displacement[np.ix_(np.flatnonzero(rows), columns)]
-            submap[:, columns] = fit_level(
-                targets.frames[rows], data, nframe, spacing, passes=passes
-            )
+            submap[:, columns] = curve(targets.frames[rows], data, nframe, spacing, passes=passes)
     return submap
