@@ -162,7 +162,8 @@ def fit_between(
     Args:
       frames: (n,) frames that have data, from ``start`` to ``end``.
       data: (n, k) values.
-      start, end: the outermost knots; a whole number of spacings apart.
+      start: the outermost knot before.
+      end: the outermost knot after, a whole number of spacings later.
       spacing: frames a knot.
       passes: times that Eq. 2 is applied, each time to what is left.
 

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.metadata
 import math
-import os
-import platform
-import statistics
-import time
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-PACKAGES = ("mjmotion", "mujoco", "numpy", "scipy", "mink", "daqp")
+from mjmotion.examples.timing import interleaved, machine, seconds
+
+__all__ = ["Figure", "interleaved", "machine", "seconds"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,49 +88,3 @@ class Figure:
         kept = {name: value for name, value in data.items() if name in names}
         value = math.nan if kept["value"] is None else float(kept["value"])
         return cls(**{**kept, "value": value})
-
-
-def seconds(task: Callable[[], object]) -> float:
-    """Return how long a task takes [s]."""
-    began = time.perf_counter()
-    task()
-    return time.perf_counter() - began
-
-
-def interleaved(tasks: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    """Return the median time of every task [s], after one run of each that does not count.
-
-    The tasks take turns, so that a slow spell of the machine falls on all of them.
-    """
-    for task in tasks.values():
-        task()
-    times: dict[str, list[float]] = {name: [] for name in tasks}
-    for _ in range(repeats):
-        for name, task in tasks.items():
-            times[name].append(seconds(task))
-    return {name: statistics.median(took) for name, took in times.items()}
-
-
-def machine() -> dict[str, str]:
-    """Return what the figures were measured on: processor, system, versions; no names or paths."""
-    facts = {
-        "processor": _processor(),
-        "cores": str(os.cpu_count()),
-        "system": f"{platform.system()} {platform.machine()}",
-        "python": platform.python_version(),
-    }
-    for name in PACKAGES:
-        try:
-            facts[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            facts[name] = "not installed"
-    return facts
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
