@@ -6,7 +6,7 @@ BIN := .venv/bin
 READY := .venv/ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint bench scenes lock clean
+.PHONY: help setup demo gallery test lint bench scenes lock clean
 
 help: ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /\1\t/' | expand -t 10
@@ -20,6 +20,10 @@ $(READY): requirements.lock pyproject.toml .ci/setup
 demo: $(READY) ## adapt the built-in walk to rough terrain with doorways: report and video
 	@.ci/opengl || true
 	@$(BIN)/mjmotion demo --out out/demo --force
+
+gallery: $(READY) ## the paper's figures: videos and a page of stills in out/gallery
+	@.ci/opengl || true
+	@$(BIN)/python scripts/gallery.py --out out/gallery
 
 test: lint ## set up, lint, type check, and run all tests
 	@.ci/opengl || true
