@@ -131,6 +131,7 @@ def carry_out(
     character: str | Path | mujoco.MjSpec,
     *,
     constraints: Sequence[Constraint] = (),
+    weights: Array | None = None,
     levels: Sequence[float] | None = None,
     tolerance: float = 1e-4,
     ik: str = "hybrid",
@@ -143,6 +144,7 @@ def carry_out(
       spec: character and scene in one.
       character: the character alone: the plan's source is on its model.
       constraints: more that must hold.
+      weights: (nv,) rigidities; those of :func:`stiff_root` without.
       levels: frames a knot, coarse to fine.
       tolerance: refinement stops once no constraint is off by more [m].
       ik: ``"hybrid"`` or ``"numeric"``.
@@ -154,7 +156,7 @@ def carry_out(
     """
     say = progress or (lambda stage: None)
     composed, model, nframe = spec.compile(), what.source.model, what.source.nframe
-    weights = stiff_root(model) if what.paths else None
+    weights = stiff_root(model) if weights is None else weights
     own = _within_reach(constraints, shifted(what.source, what.root_shift))
     wanted = [*what.constraints(), *own]
     began = time.perf_counter()

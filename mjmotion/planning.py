@@ -182,17 +182,38 @@ def root_shift(source: Motion, pose: Pose, paths: Sequence[FootPath]) -> Array:
     Each foot's shift is blended through its swing, so the mean is smooth; it is fitted with the
     coarse knots alone. Where a leg would then be longer than it is, the root goes down.
     """
-    mean = np.mean([path.shift for path in paths], axis=0)
-    spacings = default_levels(source.fps)
-    shift = fit_multilevel(np.arange(source.nframe), mean, source.nframe, spacings[:-1])
-    shift[:, 2] -= _drop(source, pose, paths, shift)
+    shift = mean_shift(source, paths)
+    shift[:, 2] -= drop(source, pose, paths, shift)
     return shift
 
 
-def _drop(source: Motion, pose: Pose, paths: Sequence[FootPath], shift: Array) -> Array:
-    """How far the root must go down for every foot to be within reach (nframe,) [m]."""
+def mean_shift(source: Motion, paths: Sequence[FootPath]) -> Array:
+    """Return the feet's mean shift (nframe, 3) [m], fitted with the coarse knots alone (§4.5)."""
+    mean = np.mean([path.shift for path in paths], axis=0)
+    spacings = default_levels(source.fps)
+    return fit_multilevel(np.arange(source.nframe), mean, source.nframe, spacings[:-1])
+
+
+def drop(
+    source: Motion,
+    pose: Pose,
+    paths: Sequence[FootPath],
+    shift: Array,
+    reach: tuple[float, float] = (REACH_FREE, REACH_MOST),
+) -> Array:
+    """Return how far the root must go down for every foot to be within reach (nframe,) [m].
+
+    Args:
+      source: the motion.
+      pose: its poses.
+      paths: where its feet are to be.
+      shift: (nframe, 3) how far the root is moved already [m].
+      reach: shares of a leg's length: that may always be asked for, and that may be asked for where
+        the source did.
+    """
     ends = {limb.end: limb for limb in find_limbs(source.model)}
     need = np.full(source.nframe, -np.inf)
+    low, high = reach
     for path in paths:
         site = source.model.site(path.site)
         limb = ends.get(int(site.bodyid[0]))
@@ -202,12 +223,12 @@ def _drop(source: Motion, pose: Pose, paths: Sequence[FootPath], shift: Array) -
         hip = pose.xanchor[:, source.model.body_jntadr[limb.upper]]
         ankle = pose.xanchor[:, source.model.body_jntadr[limb.end]]
         was = np.linalg.norm(hip - ankle, axis=1)
-        reach = float(limbs.reach[0])
-        most = np.clip(was, REACH_FREE * reach, REACH_MOST * reach)
+        long = float(limbs.reach[0])
+        most = np.clip(was, low * long, high * long)
         local = source.model.jnt_pos[source.model.body_jntadr[limb.end]] - site.pos
         goal = path.position + rotate(path.quat, np.broadcast_to(local, path.position.shape))
         apart = hip + shift - goal
         flat = np.linalg.norm(apart[:, :2], axis=1)
-        allowed = np.sqrt(np.maximum(most**2 - flat**2, (0.5 * reach) ** 2))
+        allowed = np.sqrt(np.maximum(most**2 - flat**2, (0.5 * long) ** 2))
         need = np.maximum(need, apart[:, 2] - allowed)
     return cover(need, DROP_TIME * source.fps)
