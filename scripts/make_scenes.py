@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from mjmotion.scene import blocks, doors, flat, save_model, slope, stairs, terrain
+from mjmotion.scene import blocks, doors, flat, rope, save_model, slope, stairs, terrain
 
 SCENES = {
     "flat": flat,
@@ -14,6 +14,7 @@ SCENES = {
     "stairs": stairs,
     "slope": slope,
     "blocks": blocks,
+    "rope": rope,
 }
 
 

@@ -638,7 +638,16 @@ def test_damaged_height_files(name, tmp_path):
 
 
 def test_registry_names_every_builder():
-    assert set(BUILDERS) == {"flat", "terrain", "doors", "stairs", "slope", "blocks", "heights"}
+    assert set(BUILDERS) == {
+        "flat",
+        "terrain",
+        "doors",
+        "stairs",
+        "slope",
+        "blocks",
+        "heights",
+        "rope",
+    }
     for name, build in BUILDERS.items():
         spec = build(np.zeros((4, 4))) if name == "heights" else build()
         assert Scene.from_spec(spec, name).start_yaw == 0.0

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from mjmotion.exceptions import ModelError
 from mjmotion.kinematics import site_id
 from mjmotion.rotations import conjugate, exp, multiply, rotate, to_matrix, yaw_quat
+from mjmotion.scene.rope import RADIUS as ROPE_RADIUS
 
 Array = NDArray[np.float64]
 
-ROPE_RADIUS = 0.018  # of a gymnasium's rope [m]
 HANDS = ("left_hand", "right_hand")
 FEET = ("left_foot", "right_foot")
 LIMBS = HANDS + FEET
@@ -31,7 +31,7 @@ _TOES_DOWN = np.deg2rad(24.0)
 _TOES_OUT = np.deg2rad(7.0)
 _PALM = (0.006, 0.0, 0.0)  # where the rope passes a hand, from its site: towards the thumb [m]
 _BALL = (0.085, 0.0, 0.02)  # where the rope passes a foot, from its site [m]
-_TOUCH = 5e-4  # left between skin and rope [m]
+_TOUCH = 2e-3  # left between skin and rope [m]
 _FAR = 0.3  # from here the rope is brought nearer [m]
 _STEPS = 60
 

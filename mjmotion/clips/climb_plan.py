@@ -25,7 +25,6 @@ Array = NDArray[np.float64]
 FRAMES = 275
 FPS = 30.0
 RISE = 0.40  # of a hand from hold to hold, and of the feet [m]
-BEAM = 4.3  # height that the rope hangs from [m]
 
 # When each limb takes and leaves the rope: a reach takes 10 frames from the last of one hold to the
 # first of the next, a step of both feet 12.
@@ -38,7 +37,7 @@ HELD: dict[str, tuple[tuple[int, int], ...]] = {
 
 _FIRST = {"left_hand": 2.15, "right_hand": 2.19, "left_foot": 0.765, "right_foot": 0.765}  # [m]
 # Hands draw the rope a little to their own side, feet press it a little forward [m].
-_BESIDE = {"left_hand": 0.008, "right_hand": -0.008, "left_foot": 0.0, "right_foot": 0.0}
+_BESIDE = {"left_hand": 0.005, "right_hand": -0.005, "left_foot": 0.0, "right_foot": 0.0}
 _BEFORE = {"left_hand": 0.0, "right_hand": 0.0, "left_foot": 0.04, "right_foot": 0.04}
 # Feet in the hang: forward, to their side and down from where they clamp the rope [m], and how far
 # they turn from there: outward, toes down, toes out [rad].

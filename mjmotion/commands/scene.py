@@ -133,6 +133,15 @@ SCENES: dict[str, tuple[str, _Options]] = {
             "start_radius": (float, "level ground around the start [m]"),
         },
     ),
+    "rope": (
+        "a rope to climb, hanging from a beam",
+        {
+            "beam": (float, "height that the rope hangs from [m]"),
+            "length": (float, "length of the rope [m]"),
+            "radius": (float, "radius of the rope [m]"),
+            "edge": (float, "distance of the points that it is made of [m]"),
+        },
+    ),
     "heights": (
         "ground from an .npy file, an image or a mesh",
         {
@@ -153,5 +162,6 @@ _SCENE_EXAMPLES = {
     "stairs": "mjmotion scene stairs --steps 4 --rise 0.16 --out stairs.xml",
     "slope": "mjmotion scene slope --angle 12 --out slope.xml",
     "blocks": "mjmotion scene blocks --seed 3 --height 0.2 --out blocks.xml",
+    "rope": "mjmotion scene rope --beam 5 --length 4.7 --out rope.xml",
     "heights": "mjmotion scene heights map.png --cell 0.1 --height 0.8 --out ground.xml",
 }

@@ -14,6 +14,7 @@ import numpy as np
 
 from mjmotion.exceptions import SceneError
 from mjmotion.scene.heights import from_heights
+from mjmotion.scene.rope import rope
 from mjmotion.scene.stage import (
     FLOOR,
     GROUND,
@@ -240,6 +241,7 @@ BUILDERS: dict[str, Callable[..., mujoco.MjSpec]] = {
     "slope": slope,
     "blocks": blocks,
     "heights": from_heights,
+    "rope": rope,
 }
 """Builders by the name that the command line gives them."""
 
