@@ -296,9 +296,12 @@ class Kinematics:
         bare.opt.disableflags |= int(
             flags.mjDSBL_CONTACT | flags.mjDSBL_CONSTRAINT | flags.mjDSBL_SENSOR
         )
-        self._batch = Batch(bare, nframe)
         if bones is not None:
             bones.check(model, nframe)
+            # MuJoCo takes the body's place for a site at its origin, whatever ``site_pos`` becomes.
+            bare.site_sameframe[:] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE.value
+        self._batch = Batch(bare, nframe)
+        if bones is not None:
             for field in dataclasses.fields(bones):
                 self._batch.expand(field.name)[:] = getattr(bones, field.name)
         self._qpos = self._batch.bind("qpos")

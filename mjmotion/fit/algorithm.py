@@ -98,7 +98,7 @@ def fit(
       exact: enforce every constrained frame at the end (§4.4).
       unmet_tolerance: residual from which a constraint counts as not met [m].
       shared: moves that frames have in common (§7), besides those of ``free`` constraints.
-      bones: a body for each frame, where it changes (Figure 5d).
+      bones: a body that is not the model's own, or one for each frame (Figure 5d).
       curve: fits a level in place of Eq. 2, to compare it with (§7).
       progress: called with levels done and levels in all.
 

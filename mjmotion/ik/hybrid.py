@@ -55,7 +55,7 @@ class HybridIK:
     Args:
       model: a MuJoCo model with a free root and limbs (:func:`mjmotion.ik.limb.find_limbs`).
       weights: (nv,) rigidity α of Eq. 4.
-      bones: a body for each frame of the motion, where it changes.
+      bones: a body that is not the model's own, or one for each frame of the motion.
     """
 
     def __init__(
@@ -209,10 +209,10 @@ class HybridIK:
                     limbs.append(limb)
                     closable[column] = True
             made = None
-            if limbs and changing:
-                made = Limbs(self.model, limbs, self.bones.at(targets.frames))
-            elif limbs:
+            if limbs and self.bones is Bones.of(self.model):
                 made = limbs_of(self.model, tuple(limbs))
+            elif limbs:
+                made = Limbs(self.model, limbs, self.bones.at(targets.frames))
             self._plan = (key, made, closable)
         _, found, closable = self._plan
         if closable.all() and not (targets.links or targets.gazes):

@@ -53,7 +53,7 @@ class NumericIK:
       model: any MuJoCo model with a free root.
       weights: (nv,) rigidity α of Eq. 4; :func:`default_weights` without.
       iterations: Gauss–Newton steps a solve.
-      bones: a body for each frame of the motion, where it changes.
+      bones: a body that is not the model's own, or one for each frame of the motion.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class NumericIK:
                 self._kinematics = Kinematics(self.model, self.bones.nframe, bones=self.bones)
             return self._kinematics.forward(qpos, frames)
         if self._kinematics is None or self._kinematics.nframe < len(qpos):
-            self._kinematics = Kinematics(self.model, len(qpos))
+            self._kinematics = Kinematics(self.model, len(qpos), bones=self.bones)
         rows = None if self._kinematics.nframe == len(qpos) else np.arange(len(qpos))
         return self._kinematics.forward(qpos, rows)
 
