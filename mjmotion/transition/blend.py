@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 SHORTEST = 2  # frames; a contact that is cut shorter is dropped
 FLAT = 0.07  # a foot whose heel and toe touch within this comes down flat [s]
-PLANTED = 0.06  # over which the root's speed is smoothed that keeps standing feet where they are [s]
+PLANTED = 0.06  # over which the speed of a root on standing feet is smoothed [s]
 _PAIRED = 0.3  # share of the shorter that two contacts have in common at least to be one
 
 

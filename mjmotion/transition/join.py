@@ -14,20 +14,30 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.adapt import Adaptation, carry_out, plan
+from mjmotion.adapt import Adaptation, carry_out
 from mjmotion.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.exceptions import ClipError, ModelError
 from mjmotion.footholds import find_feet
 from mjmotion.motion import Motion
+from mjmotion.planning import plan
 from mjmotion.scene import compose, load_scene
 from mjmotion.transition.blend import blend, placed
-from mjmotion.transition.overlap import Overlap, find_overlap
+from mjmotion.transition.overlap import (
+    Overlap,
+    cadence_ratio,
+    default_length,
+    find_overlap,
+    spans,
+)
 from mjmotion.transition.sampling import resample, resample_contacts
 from mjmotion.transition.warp import find_warp
 
 Array = NDArray[np.float64]
 Place = Overlap | tuple[int, int, int]
 Contacts = Sequence[Contact] | None
+Ready = tuple[Motion, tuple[Contact, ...]]
+
+MIDDLE = 2.5  # an overlap takes no more than one of so many parts of a clip between two others
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -78,11 +88,16 @@ def blend_clips(
     first, standing = ready[0]
     cut = 0  # frames that the clip at the end of the blend has lost of its own
     earliest = 0
-    spans = []
-    for (second, others), place in zip(ready[1:], places, strict=True):
+    found = []
+    for number, ((second, others), place) in enumerate(zip(ready[1:], places, strict=True)):
         pair = (standing, others)
         if place is None:
-            where = find_overlap(first, second, pair, length=length, earliest=earliest)
+            where = find_overlap(
+                *(first, second, pair),
+                length=_length(ready, number, length),
+                earliest=earliest,
+                spare=_spare(ready, places, number + 1, length),
+            )
         else:
             given = place if isinstance(place, Overlap) else Overlap(*place)
             where = dataclasses.replace(given, first=given.first + cut)
@@ -96,13 +111,36 @@ def blend_clips(
         )
         cut, earliest = both.end - both.unused, both.end
         first, standing = both.motion, both.contacts
-        spans.append((both.start, both.end))
-    return Joined(first, standing, tuple(spans))
+        found.append((both.start, both.end))
+    return Joined(first, standing, tuple(found))
 
 
-def _at_one_rate(
-    clips: Sequence[Motion], contacts: Sequence[Contacts]
-) -> list[tuple[Motion, tuple[Contact, ...]]]:
+def _length(ready: Sequence[Ready], number: int, length: int | None) -> int:
+    """Return how long an overlap is to last; clips in the middle have two to take part in."""
+    if length is not None:
+        return length
+    (first, standing), (second, others) = ready[number : number + 2]
+    parts = (2.0 if number == 0 else MIDDLE, 2.0 if number + 2 == len(ready) else MIDDLE)
+    return default_length(first, second, cadence_ratio(first, second, (standing, others)), parts)
+
+
+def _spare(
+    ready: Sequence[Ready], places: Sequence[Place | None], number: int, length: int | None
+) -> int:
+    """Return the frames at the end of a clip that its next overlap takes."""
+    if number == len(places):
+        return 0
+    first, standing = ready[number]
+    place = places[number]
+    if place is not None:
+        begin = place.first if isinstance(place, Overlap) else place[0]
+        return max(0, first.nframe - begin)
+    second, others = ready[number + 1]
+    ratio = cadence_ratio(first, second, (standing, others))
+    return int(np.ceil(spans(_length(ready, number, length), ratio)[0])) + 2
+
+
+def _at_one_rate(clips: Sequence[Motion], contacts: Sequence[Contacts]) -> list[Ready]:
     """Return the clips at the first's rate, begun at the origin, with their contacts."""
     fps, ready = clips[0].fps, []
     if len(contacts) != len(clips):

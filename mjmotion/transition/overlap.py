@@ -34,7 +34,8 @@ _PLACES = 7  # of an overlap that are compared
 _HEIGHT = 10.0  # 1 rad of a joint counts as 1 / this of the root's height [1/m]
 _SPEED = 0.15  # a velocity counts as what it moves in this time [s]
 _STANDING = 0.4  # a heel or toe that stands in one alone counts as this much [rad²]
-_KEEP = 0.15  # a second of a clip that is not used is worth this share of the best likeness [1/s]
+_KEEP = 0.1  # a second of a clip that is not used costs this share of the middle unlikeness [1/s]
+_LIFT = 0.12  # a foot that leaves the ground for less than this makes no step [s]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,24 +126,30 @@ def _velocity(motion: Motion) -> Array:
 
 
 def strikes(
-    foot: Foot, contacts: Sequence[Contact], nframe: int
+    foot: Foot, contacts: Sequence[Contact], motion: Motion
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the frames at which a foot comes down and those at which it leaves.
 
-    What begins with the clip or ends with it is no event.
+    What begins with the clip or ends with it is no event, nor is a lift of a moment.
     """
-    down = np.zeros(nframe, dtype=bool)
+    down = np.zeros(motion.nframe, dtype=bool)
     for part in ("heel", "toe"):
-        down |= contact_mask(contacts, f"{foot.side}_{part}", nframe)
+        down |= contact_mask(contacts, f"{foot.side}_{part}", motion.nframe)
     change = np.diff(down.astype(np.int8))
-    return np.flatnonzero(change > 0) + 1, np.flatnonzero(change < 0) + 1
+    lands, leaves = np.flatnonzero(change > 0) + 1, np.flatnonzero(change < 0) + 1
+    if len(lands) == 0 or len(leaves) == 0:
+        return lands, leaves
+    after = np.searchsorted(lands, leaves)
+    gap = np.where(after < len(lands), np.append(lands, 0)[after] - leaves, motion.nframe)
+    brief = gap < _LIFT * motion.fps
+    return np.delete(lands, after[brief]), leaves[~brief]
 
 
 def stride_frames(motion: Motion, contacts: Sequence[Contact]) -> float | None:
     """Return how many frames a stride of a clip takes; None where it shows no whole stride."""
     gaps = []
     for foot in find_feet(motion.model):
-        for events in strikes(foot, contacts, motion.nframe):
+        for events in strikes(foot, contacts, motion):
             gaps.extend(np.diff(events).tolist())
     return float(np.median(gaps)) if gaps else None
 
@@ -157,21 +164,44 @@ def cadence_ratio(
     return float(np.clip(strides[1] / strides[0], *RATES))
 
 
-def default_length(first: Motion, second: Motion) -> int:
+def spans(length: float, ratio: float) -> tuple[float, float]:
+    """Return how many frames of each clip an overlap takes, about.
+
+    It begins in the first's tempo and ends in the second's.
+
+    Args:
+      length: frames of the result.
+      ratio: :func:`cadence_ratio`.
+    """
+    return 2.0 * length / (1.0 + ratio), 2.0 * length * ratio / (1.0 + ratio)
+
+
+def default_length(
+    first: Motion, second: Motion, ratio: float, parts: tuple[float, float] = (2.0, 2.0)
+) -> int:
     """Return how many frames an overlap of two clips should last: LENGTH, less for short clips.
+
+    Args:
+      first: the clip that is left.
+      second: the clip that is gone into, of the same rate.
+      ratio: their :func:`cadence_ratio`.
+      parts: it takes no more than one of so many parts of each.
 
     Raises:
       ClipError: a clip is too short to overlap.
     """
     fewest = max(FEWEST, round(SHORTEST * first.fps))
-    for name, motion in (("first", first), ("second", second)):
-        if motion.nframe < fewest + 2:
+    wanted = LENGTH * first.fps
+    for name, clip, span, part in zip(
+        ("first", "second"), (first, second), spans(1.0, ratio), parts, strict=True
+    ):
+        wanted = min(wanted, (clip.nframe / part - 2.0) / span)
+        if wanted < fewest:
             raise ClipError(
-                f"the {name} clip has {motion.nframe} frames: too short to overlap, which takes"
-                f" {fewest + 2} at {first.fps:g} fps; give a longer one"
+                f"the {name} clip has {clip.nframe} frames, too few to overlap:"
+                f" give {int(np.ceil(part * (fewest * span + 2.0)))} at {first.fps:g} fps"
             )
-    most = min(first.nframe, second.nframe) - 2
-    return int(np.clip(round(LENGTH * first.fps), fewest, max(fewest, most // 2)))
+    return round(wanted)
 
 
 def find_overlap(
@@ -181,6 +211,7 @@ def find_overlap(
     *,
     length: int | None = None,
     earliest: int = 0,
+    spare: int = 0,
 ) -> Overlap:
     """Return where the first clip can best go over into the second.
 
@@ -190,25 +221,22 @@ def find_overlap(
       contacts: of the first, and of the second.
       length: frames that it is to last; :func:`default_length` without.
       earliest: frame of the first clip before which it may not begin.
+      spare: frames at the end of the second clip that it leaves alone.
 
     Raises:
       ClipError: a clip is too short for it.
     """
-    length = default_length(first, second) if length is None else length
     ratio = cadence_ratio(first, second, contacts)
-    # Frames of each clip that it takes, about: it begins in one's tempo and ends in the other's.
-    spans = (2.0 * length / (1.0 + ratio), 2.0 * length * ratio / (1.0 + ratio))
-    lasts = [clip.nframe - 2 - span for clip, span in zip((first, second), spans, strict=True)]
-    if lasts[0] < earliest or lasts[1] < 0:
-        which, clip, span = (
-            ("first", first, spans[0]) if lasts[0] < earliest else ("second", second, spans[1])
-        )
-        left = clip.nframe - (earliest if which == "first" else 0)
-        raise ClipError(
-            f"the {which} clip is too short to overlap: {length} frames of transition take"
-            f" {int(np.ceil(span)) + 2} of its frames and it has {left} left;"
-            " give a longer clip or a shorter overlap"
-        )
+    length = default_length(first, second, ratio) if length is None else length
+    taken = spans(length, ratio)
+    lasts = (first.nframe - 2 - taken[0], second.nframe - 2 - taken[1] - spare)
+    for name, last, low, span in zip(("first", "second"), lasts, (earliest, 0), taken, strict=True):
+        if last < low:
+            raise ClipError(
+                f"the {name} clip is too short to overlap: a transition of {length} frames takes"
+                f" {int(np.ceil(span)) + 2} of its frames, {int(np.ceil(low - last))} more than are"
+                " left; give a longer clip or a shorter overlap"
+            )
     step = max(1, round(_STEP * first.fps))
     traits = [Traits.of(*pair, step) for pair in zip((first, second), contacts, strict=True)]
     unlike = traits[0].unlike(traits[1])
@@ -222,10 +250,10 @@ def find_overlap(
     for share in np.linspace(0.0, 1.0, _PLACES):
         rows, columns = (
             np.clip(np.round((begin + share * span) / step).astype(int), 0, size - 1)
-            for begin, span, size in zip(begins, spans, unlike.shape, strict=True)
+            for begin, span, size in zip(begins, taken, unlike.shape, strict=True)
         )
         total += unlike[np.ix_(rows, columns)] / _PLACES
     unused = (begins[0].max() - begins[0])[:, None] + (begins[1] - begins[1].min())
-    cost = total + _KEEP * float(total.min()) * unused / first.fps
+    cost = total + _KEEP * float(np.median(total)) * unused / first.fps
     row, column = np.unravel_index(int(np.argmin(cost)), cost.shape)
     return Overlap(int(begins[0][row]), int(begins[1][column]), length)

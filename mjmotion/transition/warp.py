@@ -145,7 +145,7 @@ def _pairs(
     pairs: list[tuple[float, float]] = []
     for foot in find_feet(first.model):
         kinds = (
-            strikes(foot, given, clip.nframe)
+            strikes(foot, given, clip)
             for clip, given in ((first, contacts[0]), (second, contacts[1]))
         )
         for mine, others in zip(*kinds, strict=True):
