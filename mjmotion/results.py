@@ -10,6 +10,7 @@
 | motion.npz, source.npz | the adapted motion, and the clip at the scene's start before adaptation |
 | model.xml and assets | humanoid and scene in one MJCF |
 | contacts.json | who stood where and when |
+| body.npz | of a morph: the character's size in every frame |
 | report.json, report.html | the figures |
 | video.mp4 | source and adapted motion |
 """
@@ -31,8 +32,9 @@ from mjmotion.assets import find_asset
 from mjmotion.clips import load_clip
 from mjmotion.contacts import Contact, load_contacts, save_contacts
 from mjmotion.exceptions import MotionError, OutputError, RenderError
+from mjmotion.morph import MorphBody, body_of
 from mjmotion.motion import Motion
-from mjmotion.report import Report
+from mjmotion.report import BODY, Report
 from mjmotion.scene import save_model
 
 if TYPE_CHECKING:
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 
 MOTION, SOURCE, MODEL, CONTACTS = "motion.npz", "source.npz", "model.xml", "contacts.json"
 REPORT, PAGE, VIDEO = "report.json", "report.html", "video.mp4"
+SPREAD = 0.5  # how much further apart the poses of a morph stand in its strip [m]
 _NEEDED = (MOTION, SOURCE, MODEL, CONTACTS)
 
 
@@ -56,6 +59,7 @@ class Results:
       motion: the adapted motion, same frames.
       contacts: who stood where and when.
       report: the contents of ``report.json``; empty where there is none.
+      body: the character's size in every frame, where that changes.
     """
 
     folder: Path
@@ -64,6 +68,7 @@ class Results:
     motion: Motion
     contacts: tuple[Contact, ...]
     report: dict[str, Any]
+    body: MorphBody | None = None
 
 
 def check_output(out: str | Path, force: bool = False) -> None:
@@ -146,6 +151,8 @@ def write_motions(folder: str | Path, adaptation: Adaptation) -> None:
         adaptation.motion.save(folder / MOTION)
         adaptation.source.save(folder / SOURCE)
         save_contacts(folder / CONTACTS, adaptation.contacts)
+        if (body := body_of(adaptation)) is not None:
+            body.save(folder / BODY)
     except OSError as error:
         raise OutputError(f"cannot write into '{folder}': {error.strerror or error}") from error
     save_model(adaptation.spec, folder, MODEL)
@@ -188,6 +195,7 @@ def write_results(
             adaptation.motion,
             adaptation.source,
             contacts=adaptation.contacts,
+            body=body_of(adaptation),
             progress=progress,
         )
 
@@ -200,8 +208,12 @@ def write_report(folder: str | Path, report: Report) -> None:
     """
     from mjmotion.video import render_strip
 
+    body = report.body
+    # Bodies that change are hard to tell apart where they overlap.
+    apart = 0.0 if body is None else SPREAD
     try:
-        poses, why = [render_strip(report.motion, contacts=report.contacts)], ""
+        strip = render_strip(report.motion, contacts=report.contacts, body=body, spread=apart)
+        poses, why = [strip], ""
     except RenderError as error:
         poses, why = [], str(error)
     report.write(folder, poses, why_no_poses=why)
@@ -230,7 +242,13 @@ def read_results(folder: str | Path) -> Results:
             " they must be of the same run"
         )
     contacts = load_contacts(folder / CONTACTS, model, motion.nframe)
-    return Results(folder, model, source, motion, contacts, read_report(folder))
+    body = MorphBody.load(folder / BODY, model) if (folder / BODY).is_file() else None
+    if body is not None and body.nframe != motion.nframe:
+        raise MotionError(
+            f"'{folder}': {BODY} has {body.nframe} frames and motion.npz {motion.nframe}: they must"
+            " be of the same run"
+        )
+    return Results(folder, model, source, motion, contacts, read_report(folder), body)
 
 
 class Given(NamedTuple):
@@ -273,6 +291,10 @@ def read_motion(
             if value is not None:
                 raise MotionError(f"'{path}' is a result folder and has its own {option}: leave it")
         results = read_results(path)
+        if results.body is not None:
+            raise MotionError(
+                f"'{path}' holds a morph, whose body changes: give a motion of one body"
+            )
         return Given(results.motion, results.contacts, path / MODEL)
     file = find_asset("model", character or "humanoid")
     motion = load_clip(what, load_model(file), mapping=mapping, fps=fps)

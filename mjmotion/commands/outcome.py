@@ -74,12 +74,15 @@ def write(
     Returns:
       The figures.
     """
+    from mjmotion.morph import body_of
     from mjmotion.results import write_results
     from mjmotion.validation import validate
 
     bar.stage("measuring")
     validation = validate(
-        adaptation.source, adaptation.motion, adaptation.contacts, thresholds=thresholds
+        *(adaptation.source, adaptation.motion, adaptation.contacts),
+        thresholds=thresholds,
+        body=body_of(adaptation),
     )
     bar.stage("report and video")
     write_results(

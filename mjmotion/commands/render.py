@@ -10,6 +10,7 @@ from mjmotion.commands.arguments import size
 
 if TYPE_CHECKING:
     from mjmotion.contacts import Contact
+    from mjmotion.morph import MorphBody
     from mjmotion.motion import Motion
 
 HELP = "make a video of a result or of a motion file"
@@ -41,11 +42,13 @@ def run(args: argparse.Namespace) -> int:
 
     source: Motion | None = None
     contacts: tuple[Contact, ...] = ()
+    body: MorphBody | None = None
     if args.path.is_dir():
         out = args.out or args.path / VIDEO
         check_file(out, args.force)
         results = read_results(args.path)
         motion, source, contacts = results.motion, results.source, results.contacts
+        body = results.body
     elif not args.path.exists():
         raise MotionError(f"'{args.path}' does not exist: give a result folder or a motion file")
     else:
@@ -62,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
             motion,
             source,
             contacts=contacts,
+            body=body,
             layout=args.layout,
             width=width,
             height=height,

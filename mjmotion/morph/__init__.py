@@ -5,7 +5,7 @@ result.motion, result.body, result.contacts, result.trace
 """
 
 from mjmotion.morph.body import MorphBody
-from mjmotion.morph.fitting import Morph, fit_stride, morph
+from mjmotion.morph.fitting import Morph, body_of, fit_stride, morph
 from mjmotion.morph.stride import Stride, find_stride
 
-__all__ = ["Morph", "MorphBody", "Stride", "find_stride", "fit_stride", "morph"]
+__all__ = ["Morph", "MorphBody", "Stride", "body_of", "find_stride", "fit_stride", "morph"]

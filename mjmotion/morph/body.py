@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from mjmotion.bones import Bones
 from mjmotion.exceptions import ModelError, MotionError
+from mjmotion.footpaths import ease
 from mjmotion.morph.topology import Correspondence, check_same_topology, correspondence
 from mjmotion.rotations import conjugate, dot, multiply, normalized, rotate
 
@@ -199,7 +200,7 @@ def shares(frames: Sequence[int], nframe: int) -> Array:
     share[:, 0] = 1.0
     for index, (start, end) in enumerate(pairwise(frames)):
         s = np.clip((np.arange(nframe) - start) / (end - start), 0.0, 1.0)
-        step = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+        step = ease(s)
         share[:, index] *= 1.0 - step
         share[:, index + 1] = step
     return share

@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.adapt import Adaptation
+from mjmotion.adapt import Adaptation, stiff_root
 from mjmotion.constraints import lay_out
 from mjmotion.contacts import Contact
 from mjmotion.fit import Fit, find_unmet, fit, residuals
@@ -49,6 +49,11 @@ class Morph(Adaptation):
     """
 
     body: MorphBody
+
+
+def body_of(adaptation: Adaptation) -> MorphBody | None:
+    """Return the body of a morph, or None for a motion of one body."""
+    return adaptation.body if isinstance(adaptation, Morph) else None
 
 
 def morph(
@@ -130,6 +135,7 @@ def fit_stride(
         levels=levels,
         tolerance=tolerance,
         ik=ik,
+        weights=stiff_root(guess.model),
         first_guess=False,
         exact=False,
         bones=bones,

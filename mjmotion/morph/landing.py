@@ -1,9 +1,9 @@
 """The exact pass of a morph (§4.4): standing feet on their footprints, swinging feet carried along.
 
 Contacts begin and end within the motion, so closing the standing legs alone would make a foot jump
-where its contact begins. What a contact moves fades out through the swing beside it instead, and a
-foot that would scrape is lifted, smoothly, as high as the source's own swings go. The root only
-gives for feet that stand: a swinging leg that has no range left swings otherwise.
+where its contact begins. So a foot leaves the ground and comes down as the source's does, swings in
+between as fitted, and is lifted, smoothly, where it would scrape. The root only gives for feet that
+stand: a swinging leg that has no range left swings otherwise.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from mjmotion.bones import Bones
 from mjmotion.constraints import SiteConstraint, lay_out
 from mjmotion.fit import default_levels
 from mjmotion.fit.exact import ExactPass, within_limits
+from mjmotion.footpaths import ease
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.kinematics import Kinematics, site_id
@@ -25,12 +26,12 @@ from mjmotion.morph.stride import FootTrack
 from mjmotion.motion import Motion
 from mjmotion.rotations import conjugate, continuous, exp, from_matrix, log, multiply, rotate
 from mjmotion.shapes import body_points
-from mjmotion.smoothing import envelope, fade
+from mjmotion.smoothing import envelope
 from mjmotion.tangent import oplus
 
 Array = NDArray[np.float64]
 
-FADE_TIME = 0.13  # what a contact moves dies out as exp(-t / this) [s]
+JOIN_TIME = 0.15  # in which a foot goes over from its contact to its swing as fitted [s]
 LIFT_TIME = 0.05  # scale of a lift's rise and fall [s]
 LIFT_PULL = 30.0  # acceleration with which a foot can be lifted off, or set down [m/s²]
 CLEARANCE = 0.012  # height that a swing is given, where the source has as much [m]
@@ -64,39 +65,39 @@ def landed(
 
 
 def _carried(motion: Motion, bones: Bones, track: FootTrack, sole: Array) -> SiteConstraint:
-    """Return where a foot is to be at every frame: as fitted, but for what its contacts move."""
+    """Return where a foot is to be at every frame: its track near contacts, as fitted elsewhere."""
     site = site_id(motion.model, track.foot.site)
     pose = Kinematics(motion.model, motion.nframe, bones=bones).forward(motion.qpos)
     position = pose.site_xpos[:, site]
     quat = continuous(from_matrix(pose.site_xmat[:, site]))
-    time = FADE_TIME * motion.fps
-    away = track.position - position
-    turn = log(multiply(conjugate(quat), track.quat))
-    position = position + fade(track.stance, away, time)
-    level = _ground(track)
-    quat = multiply(quat, exp(fade(track.stance, turn, time)))
+    apart = _apart(track.stance) / motion.fps
+    share = ease(np.minimum(apart / JOIN_TIME, 1.0))[:, None]
+    position = track.position + share * (position - track.position)
+    quat = multiply(track.quat, exp(share * log(multiply(conjugate(track.quat), quat))))
+    source = _lowest(track.position, track.quat, sole)
+    level = _ground(track.stance, source)
     height = _lowest(position, quat, sole) - level
-    source = _lowest(track.position, track.quat, sole) - level
-    need = np.minimum(np.clip(source, 0.0, CLEARANCE) - height, _most(track.stance, motion.fps))
+    source = source - level
+    # A foot cannot be up at once: what it could have risen since it stood bounds its lift.
+    need = np.minimum(np.clip(source, 0.0, CLEARANCE) - height, 0.5 * LIFT_PULL * apart**2)
     position[:, 2] += envelope(need, track.stance, LIFT_TIME * motion.fps)
     return SiteConstraint(track.foot.site, np.arange(motion.nframe), position, quat)
 
 
-def _most(stance: NDArray[np.bool_], fps: float) -> Array:
-    """How far a foot can have been lifted since it stood, or be before it stands (nframe,) [m]."""
+def _apart(stance: NDArray[np.bool_]) -> Array:
+    """How far every frame is from one in which a foot stands (nframe,) [frames]."""
     frames = np.flatnonzero(stance)
     if len(frames) == 0:
         return np.full(len(stance), np.inf)
-    apart = np.abs(np.arange(len(stance))[:, None] - frames).min(axis=1) / fps
-    return 0.5 * LIFT_PULL * apart**2
+    return np.asarray(np.abs(np.arange(len(stance))[:, None] - frames).min(axis=1), dtype=float)
 
 
-def _ground(track: FootTrack) -> Array:
+def _ground(stance: NDArray[np.bool_], lowest: Array) -> Array:
     """Height of the ground (nframe,) under a foot [m]: where it stood before and stands next."""
-    frames = np.flatnonzero(track.stance)
+    frames = np.flatnonzero(stance)
     if len(frames) == 0:
-        return np.zeros(len(track.stance))
-    return np.interp(np.arange(len(track.stance)), frames, track.position[frames, 2])
+        return np.zeros(len(stance))
+    return np.interp(np.arange(len(stance)), frames, lowest[frames])
 
 
 def _lowest(position: Array, quat: Array, sole: Array) -> Array:

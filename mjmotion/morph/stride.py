@@ -2,8 +2,9 @@
 
 The footprints and the timing are the source's. A foot is held while it stands, from the begin of
 its heel's or toe's contact to the last end of the two; in between nothing holds it. The first guess
-(§4.5) is the root as much higher as the body stands higher, and the coarse part of what would bring
-every foot on to the source's own path, in its swings too: from there on only contacts count.
+(§4.5) is the root as much higher as the body stands higher, less where a leg would not reach, and
+the coarse part of what would bring every foot on to the source's own path, in its swings too. From
+there on only contacts count, and the root is stiff: it has its path.
 """
 
 from __future__ import annotations
@@ -14,17 +15,20 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.adapt import plan
+from mjmotion.adapt import stiff_root
 from mjmotion.bones import Bones
 from mjmotion.constraints import SiteConstraint
 from mjmotion.contacts import Contact, contact_mask
 from mjmotion.fit import default_levels, fit
 from mjmotion.footholds import Foot, find_feet
-from mjmotion.kinematics import site_id, site_positions
+from mjmotion.ik.limb import Limbs, find_limbs, limbs_of
+from mjmotion.kinematics import Kinematics, site_id, site_positions
 from mjmotion.morph.body import MorphBody
 from mjmotion.motion import Motion
-from mjmotion.rotations import conjugate, multiply, rotate
+from mjmotion.planning import DROP_TIME, REACH_FREE, REACH_MOST, plan
+from mjmotion.rotations import conjugate, multiply, rotate, yaw_quat
 from mjmotion.scene import load_scene
+from mjmotion.smoothing import cover
 
 Array = NDArray[np.float64]
 
@@ -87,6 +91,7 @@ class Stride:
             [track.constraints(frames) for track in self.tracks],
             levels=default_levels(self.source.fps)[:_COARSE],
             ik=ik,
+            weights=stiff_root(self.source.model),
             first_guess=self.shift,
             exact=False,
             bones=bones,
@@ -111,14 +116,14 @@ def find_stride(
     bones = body.bones
     sites = np.array([site_id(source.model, path.site) for path in asked.paths])
     taller = _taller(source, sites, bones)
-    ground = np.concatenate([path.position[path.stance, 2] for path in asked.paths])
-    level = float(ground.mean())
+    level = float(np.mean([foothold.position[2] for foothold in asked.footholds]))
     tracks = []
     for foot, path in zip(find_feet(source.model), asked.paths, strict=True):
         position = path.position + _grown(foot, source, asked.contacts, bones, path.quat)
         tracks.append(FootTrack(foot, position, path.quat, path.stance))
     shift = np.zeros((source.nframe, 3))
     shift[:, 2] = (taller - 1.0) * (source.qpos[:, 2] - level)
+    shift[:, 2] -= _drop(source, tracks, bones, shift)
     return Stride(source, asked.contacts, tuple(tracks), shift)
 
 
@@ -131,25 +136,62 @@ def _taller(source: Motion, sites: NDArray[np.int64], bones: Bones) -> Array:
     return np.asarray(now / own)
 
 
+def _drop(source: Motion, tracks: Sequence[FootTrack], bones: Bones, shift: Array) -> Array:
+    """How far the root must go down for every foot to be within reach (nframe,) [m].
+
+    A leg may be as straight as the source's is, and never quite straight.
+    """
+    model = source.model
+    ends = {limb.end: limb for limb in find_limbs(model)}
+    own = Kinematics(model, source.nframe).forward(source.qpos)
+    pose = Kinematics(model, source.nframe, bones=bones).forward(source.qpos)
+    need = np.full(source.nframe, -np.inf)
+    for track in tracks:
+        if track.foot.body not in ends:
+            continue
+        limb = ends[track.foot.body]
+        hip, ankle = model.body_jntadr[limb.upper], model.body_jntadr[limb.end]
+        was = np.linalg.norm(own.xanchor[:, hip] - own.xanchor[:, ankle], axis=1)
+        straight = was / float(limbs_of(model, (limb,)).reach[0])
+        reach = Limbs(model, (limb,), bones).reach[:, 0]
+        most = reach * np.clip(straight, REACH_FREE, REACH_MOST)
+        site = site_id(model, track.foot.site)
+        local = rotate(
+            conjugate(model.site_quat[site]), bones.jnt_pos[:, ankle] - bones.site_pos[:, site]
+        )
+        apart = pose.xanchor[:, hip] + shift - track.position - rotate(track.quat, local)
+        flat = np.linalg.norm(apart[:, :2], axis=1)
+        allowed = np.sqrt(np.maximum(most**2 - flat**2, (0.5 * reach) ** 2))
+        need = np.maximum(need, apart[:, 2] - allowed)
+    return cover(need, DROP_TIME * source.fps)
+
+
 def _grown(
     foot: Foot, source: Motion, contacts: Sequence[Contact], bones: Bones, quat: Array
 ) -> Array:
-    """Return how far a posed site moves (nframe, 3) [m] as its foot grows about what stands.
+    """Return how far a posed site moves (nframe, 3) [m] as its foot grows.
 
-    Where only the heel stands it stays, where only the toe stands that; else the middle of both.
+    A footprint grows about its middle, between heel and toe; while the foot rolls on one of the two
+    that one stays where it is in the footprint, and in a swing what stays goes over to the next.
     """
     model = source.model
-    share = np.zeros((source.nframe, 2, 1))
-    drawn = np.empty((source.nframe, 2, 3))
+    held = np.zeros((source.nframe, 2))
+    drawn = np.empty((source.nframe, 2, 3))  # from heel and toe to the posed site, more than before
     posed = site_id(model, foot.site)
     for column, part in enumerate(("heel", "toe")):
         name = f"{foot.side}_{part}"
         site = site_id(model, name)
-        share[:, column, 0] = contact_mask(contacts, name, source.nframe)
+        held[:, column] = contact_mask(contacts, name, source.nframe)
         was = model.site_pos[posed] - model.site_pos[site]
-        now = bones.site_pos[:, posed] - bones.site_pos[:, site]
-        drawn[:, column] = now - was
-    share[share.sum(axis=1)[:, 0] == 0.0] = 1.0
-    mean = (share * drawn).sum(axis=1) / share.sum(axis=1)
+        drawn[:, column] = bones.site_pos[:, posed] - bones.site_pos[:, site] - was
+    stance = np.flatnonzero(held.any(axis=1))
+    if len(stance) == 0:
+        return np.zeros((source.nframe, 3))
+    heel = held[stance, 0] / held[stance].sum(axis=1)
+    heel = np.interp(np.arange(source.nframe), stance, heel)[:, None]
+    pivot = heel * drawn[:, 0] + (1.0 - heel) * drawn[:, 1]
     # The targets' quaternions are the posed site's, which may be turned in its body.
-    return rotate(multiply(quat, conjugate(model.site_quat[posed])), mean)
+    turn = multiply(quat, conjugate(np.broadcast_to(model.site_quat[posed], quat.shape)))
+    forward = rotate(turn, np.array((1.0, 0.0, 0.0)))
+    flat = yaw_quat(np.arctan2(forward[:, 1], forward[:, 0]))
+    return rotate(flat, drawn.mean(axis=1) - pivot) + rotate(turn, pivot)

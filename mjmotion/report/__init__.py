@@ -7,6 +7,6 @@ report.write("out/walk")
 
 from __future__ import annotations
 
-from mjmotion.report.report import Report, table
+from mjmotion.report.report import BODY, Report, table
 
-__all__ = ["Report", "table"]
+__all__ = ["BODY", "Report", "table"]

@@ -17,6 +17,7 @@ import mujoco
 import mjmotion
 from mjmotion.contacts import Contact, load_contacts
 from mjmotion.exceptions import MotionError, OutputError
+from mjmotion.morph import MorphBody, body_of
 from mjmotion.motion import Motion
 from mjmotion.validation import Validation, validate
 from mjmotion.validation.result import as_numbers
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from mjmotion.report.page import Picture
 
 _JSON, _PAGE = "report.json", "report.html"
+BODY = "body.npz"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -45,6 +47,7 @@ class Report:
       unmet: a dict a constraint that was not met: constraint, frames, residual_mm or, of an
         orientation, residual_deg, and own: whether the user asked for it.
       title: what the page is called.
+      body: the character's size in every frame of the motion, where that changes.
     """
 
     source: Motion
@@ -56,6 +59,7 @@ class Report:
     exact_error_percent: float | None = None
     unmet: tuple[dict[str, Any], ...] = ()
     title: str = "Adapted motion"
+    body: MorphBody | None = None
 
     @classmethod
     def from_adaptation(
@@ -74,8 +78,11 @@ class Report:
           constraints: the user's own, given to ``adapt``: those not met are listed as theirs.
           title: what the page is called.
         """
+        body = body_of(adaptation)
         if validation is None:
-            validation = validate(adaptation.source, adaptation.motion, adaptation.contacts)
+            validation = validate(
+                adaptation.source, adaptation.motion, adaptation.contacts, body=body
+            )
         return cls(
             adaptation.source,
             adaptation.motion,
@@ -89,6 +96,7 @@ class Report:
                 for missed in all_missed(adaptation.unmet, adaptation.motion, constraints)
             ),
             title,
+            body,
         )
 
     @classmethod
@@ -121,12 +129,14 @@ class Report:
         motion = Motion.load(folder / "motion.npz", model)
         source = Motion.load(folder / "source.npz", model)
         contacts = tuple(load_contacts(folder / "contacts.json", model, motion.nframe))
+        body = MorphBody.load(folder / BODY, model) if (folder / BODY).is_file() else None
         return cls(
             source,
             motion,
             contacts,
-            validate(source, motion, contacts, thresholds=thresholds),
+            validate(source, motion, contacts, thresholds=thresholds, body=body),
             title=folder.resolve().name,
+            body=body,
         ).with_earlier(folder)
 
     def with_earlier(self, folder: str | Path) -> Report:

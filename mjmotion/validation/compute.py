@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from mjmotion.contacts import Contact
 from mjmotion.limits import limit_excess, limit_names
+from mjmotion.morph.body import MorphBody
 from mjmotion.motion import Motion
+from mjmotion.validation.changing import Changing
 from mjmotion.validation.figures import (
     Poses,
     check_pair,
@@ -40,6 +42,7 @@ def validate(
     contacts: Sequence[Contact],
     *,
     thresholds: Mapping[str, object] | None = None,
+    body: MorphBody | None = None,
 ) -> Validation:
     """Compute every figure of an adapted motion.
 
@@ -51,6 +54,7 @@ def validate(
       motion: the adapted motion; its model holds the character and the scene.
       contacts: who stands when. Their bodies are the feet.
       thresholds: changes to ``THRESHOLDS``, by name.
+      body: the character's size in every frame of ``motion``, where that changes.
 
     Returns:
       The figures.
@@ -60,20 +64,31 @@ def validate(
     """
     merged = merge_thresholds(thresholds)
     check_pair(source, motion, contacts)
-    return _Validator(source, motion, tuple(contacts)).run(merged)
+    return _Validator(source, motion, tuple(contacts), body).run(merged)
 
 
 class _Validator:
     """Collects figures, and where each is worst, from one pair of motions."""
 
-    def __init__(self, source: Motion, motion: Motion, contacts: tuple[Contact, ...]) -> None:
+    def __init__(
+        self,
+        source: Motion,
+        motion: Motion,
+        contacts: tuple[Contact, ...],
+        body: MorphBody | None,
+    ) -> None:
         self.source, self.motion, self.contacts = source, motion, contacts
         self.model: mujoco.MjModel = motion.model
         self.sites = sole_sites(self.model, contacts)
         self.feet = tuple(sorted({int(self.model.site_bodyid[site]) for site in self.sites}))
         self.ground = ground_of(self.model)
         self.character: Character = character_of(self.model, self.feet)
-        self.poses: Poses = poses_of(motion, self.character)
+        self.changing = (
+            None if body is None else Changing(motion, body, self.character, self.ground)
+        )
+        self.poses: Poses = (
+            poses_of(motion, self.character) if self.changing is None else self.changing.poses
+        )
         self.metrics = dict.fromkeys(LABELS, np.nan)
         self.worst: dict[str, Worst] = {}
         self.per_frame: dict[str, NDArray[Any]] = {}
@@ -180,7 +195,11 @@ class _Validator:
 
     def penetrations(self) -> None:
         """How deep feet and all other bodies are in the scene."""
-        depth, other = penetration(self.ground, self.character, self.poses.geom, self.poses.turn)
+        depth, other = (
+            penetration(self.ground, self.character, self.poses.geom, self.poses.turn)
+            if self.changing is None
+            else self.changing.penetration()
+        )
         foot = self.character.foot
         for name, group in (
             ("sole_penetration_mm", foot),
@@ -205,7 +224,11 @@ class _Validator:
         swings = swings_of(self.feet, self.model, self.contacts, self.motion)
         if not swings:
             return
-        mine = swing_clearances(swings, self.ground, self.character, self.poses)
+        mine = (
+            swing_clearances(swings, self.ground, self.character, self.poses)
+            if self.changing is None
+            else self.changing.clearances(swings)
+        )
         before = poses_of(self.source, self.character)
         theirs = source_clearances(swings, self.contacts, self.model, self.character, before)
         for swing, (clear, frame), (own, _) in zip(swings, mine, theirs, strict=True):

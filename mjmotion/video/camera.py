@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.kinematics import Kinematics, RayCaster, character_geoms, root_body
-from mjmotion.morph.body import MorphBody
-from mjmotion.morph.measure import body_poses
 from mjmotion.video.stage import without_character
+
+if TYPE_CHECKING:
+    from mjmotion.morph import MorphBody
 
 Array = NDArray[np.float64]
 
@@ -177,6 +179,8 @@ def figure_extent(
     """
     mine = character_geoms(model)
     if body is not None:
+        from mjmotion.morph.measure import body_poses
+
         poses, box = body_poses(body, qpos), body.fields["geom_aabb"][:, mine]
         return _spans(poses.geom[:, mine, 2], poses.geom_matrix[:, mine, 2], box)
     pose = Kinematics(model, len(qpos), geoms=True).forward(qpos)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 
 from mjmotion.contacts import Contact
 from mjmotion.exceptions import RenderError
-from mjmotion.morph.body import MorphBody
 from mjmotion.motion import Motion
 from mjmotion.video import stage as staging
 from mjmotion.video.camera import FOVY, CameraPath, figure_extent, follow
@@ -26,6 +26,9 @@ from mjmotion.video.gl import Canvas, Image, ensure_gl
 from mjmotion.video.markers import HEEL, TOE, ContactMarks
 from mjmotion.video.stage import Stage
 from mjmotion.video.writer import VideoWriter
+
+if TYPE_CHECKING:
+    from mjmotion.morph import MorphBody
 
 LAYOUTS = ("side-by-side", "ghost", "single")
 
@@ -52,7 +55,7 @@ def render_video(
     fps: float | None = None,
     crf: int = 22,
     preview: bool = False,
-    captions: tuple[str, str] = ("source", "adapted"),
+    captions: tuple[str, str] | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Render a motion to an H.264 video.
@@ -72,7 +75,8 @@ def render_video(
       fps: frames a second at most; default 30. Faster motions are thinned evenly.
       crf: H.264 constant rate factor; lower is better and larger.
       preview: quicker and rougher: no shadows, no smoothing, 15 frames a second.
-      captions: what source and motion are called on the picture.
+      captions: what source and motion are called on the picture; "source", and "adapted" or, of a
+        body that changes, "morphing" without.
       progress: called as ``progress(done, total)`` after each frame.
 
     Returns:
@@ -84,6 +88,8 @@ def render_video(
       ModelError: source and motion have different joints, or a contact's site does not exist.
     """
     ensure_gl()
+    if captions is None:
+        captions = ("source", "adapted" if body is None else "morphing")
     frames, rate = video_frames(motion, fps if fps is not None else _MAX_FPS / (1 + preview))
     film = _Film(
         motion,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 
 from mjmotion.contacts import Contact
 from mjmotion.kinematics import Kinematics, RayCaster, site_id
-from mjmotion.morph.body import MorphBody
-from mjmotion.morph.measure import body_poses
 from mjmotion.motion import Motion
 from mjmotion.video.stage import Stage, without_character
+
+if TYPE_CHECKING:
+    from mjmotion.morph import MorphBody
 
 Array = NDArray[np.float64]
 
@@ -61,11 +63,12 @@ class ContactMarks:
         if not kept:
             none = np.empty(0, np.int64)
             return cls(none, none, np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
-        sites = (
-            Kinematics(motion.model, motion.nframe).forward(motion.qpos).site_xpos
-            if body is None
-            else body_poses(body, motion.qpos).site
-        )
+        if body is None:
+            sites = Kinematics(motion.model, motion.nframe).forward(motion.qpos).site_xpos
+        else:
+            from mjmotion.morph.measure import body_poses
+
+            sites = body_poses(body, motion.qpos).site
         position = np.array(
             [sites[a:b, site_id(motion.model, c.site)].mean(axis=0) for c, a, b in kept]
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 
 from mjmotion.contacts import Contact
 from mjmotion.exceptions import RenderError
-from mjmotion.morph.body import MorphBody
 from mjmotion.motion import Motion
 from mjmotion.video import stage as staging
 from mjmotion.video.camera import whole_walk
@@ -19,6 +19,9 @@ from mjmotion.video.film import check_size
 from mjmotion.video.gl import Canvas, Image
 from mjmotion.video.markers import ContactMarks
 from mjmotion.video.stage import Stage
+
+if TYPE_CHECKING:
+    from mjmotion.morph import MorphBody
 
 Array = NDArray[np.float64]
 
