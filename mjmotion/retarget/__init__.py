@@ -11,7 +11,7 @@ The pieces are there on their own, for motions whose constraints are given:
 """
 
 from mjmotion.retarget.copying import carry_root, copy_joints, mid_hips
-from mjmotion.retarget.retarget import (
+from mjmotion.retarget.moving import (
     STRIDES,
     held_shift,
     hold_constraints,

@@ -83,7 +83,7 @@ def carry_root(motion: Motion, guess: Motion, about: Array, scale: float, suppor
       scale: factor on the root's path in the plane.
       support: (nframe,) heights of what the body stands on [m].
     """
-    rise = find_parts(guess.model).hip_height / find_parts(motion.model).hip_height
+    rise = leg_ratio(motion.model, guess.model)
     hips = mid_hips(motion)
     wanted = np.empty_like(hips)
     wanted[:, :2] = about[:2] + scale * (hips[:, :2] - about[:2])
@@ -91,6 +91,11 @@ def carry_root(motion: Motion, guess: Motion, about: Array, scale: float, suppor
     qpos = np.array(guess.qpos)
     qpos[:, :3] += wanted - mid_hips(guess)
     return guess.replace(qpos)
+
+
+def leg_ratio(model: mujoco.MjModel, other: mujoco.MjModel) -> float:
+    """Return how much longer the legs of another body are: hips over soles, when standing."""
+    return find_parts(other).hip_height / find_parts(model).hip_height
 
 
 def mid_hips(motion: Motion) -> Array:
@@ -171,4 +176,4 @@ def _check_lacking(model: mujoco.MjModel, lacking: list[str]) -> None:
         )
 
 
-__all__ = ["carry_root", "copy_joints", "mid_hips"]
+__all__ = ["carry_root", "copy_joints", "leg_ratio", "mid_hips"]

@@ -19,6 +19,7 @@ from mjmotion.footholds import Foot, Foothold, Stance, find_feet, find_footholds
 from mjmotion.footpaths import FootPath, ease, foot_path
 from mjmotion.kinematics import Kinematics, Pose, site_id
 from mjmotion.motion import Motion
+from mjmotion.retarget.copying import leg_ratio
 from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
@@ -87,9 +88,26 @@ class Strides:
             blend[after.start :] = new
         return blend
 
+    def _swinging(self, foot: int) -> Array:
+        """Return how far into a swing a foot is (nframe,): 0 where it stands, 1 half way."""
+        nframe = len(self.pose.xpos)
+        share = np.zeros(nframe)
+        mine = [stance for stance in self.stances if stance.foot == foot]
+        for before, after in pairwise(mine):
+            along = (np.arange(before.end, after.start) + 1.0 - before.end) / (
+                after.start - before.end + 1.0
+            )
+            share[before.end : after.start] = ease(2.0 * np.minimum(along, 1.0 - along))
+        return share
+
     def standing(self) -> list[int]:
         """Return the numbers of the feet that stand at all."""
         return sorted({stance.foot for stance in self.stances})
+
+    @property
+    def standing_feet(self) -> tuple[Foot, ...]:
+        """The other body's feet that stand at all."""
+        return tuple(self.feet[foot] for foot in self.standing())
 
     def support(self) -> Array:
         """Return the height of what the source stands on at every frame (nframe,) [m]."""
@@ -127,12 +145,16 @@ class Strides:
         pose = Kinematics(guess.model, guess.nframe).forward(guess.qpos)
         place, turn = pose.site_xpos.copy(), pose.site_xmat.copy()
         anchors = [stance.source_pos for stance in self.stances]
+        legs = leg_ratio(self.pose.model, guess.model)
         for index in self.standing():
             mine, theirs = self.feet[index], self.source[index]
             column, other = site_id(pose.model, mine.site), site_id(self.pose.model, theirs.site)
             long = np.linalg.norm(mine.toe - mine.heel) / np.linalg.norm(theirs.toe - theirs.heel)
             anchor = self.blended(index, anchors)
-            place[:, column] = anchor + long * (self.pose.site_xpos[:, other] - anchor)
+            besides = long * (self.pose.site_xpos[:, other] - anchor)
+            # Longer legs lift the foot higher in mid-swing, as the same joint angles would.
+            besides[:, 2] *= 1.0 + max(0.0, legs / float(long) - 1.0) * self._swinging(index)
+            place[:, column] = anchor + besides
             turn[:, column] = self.pose.site_xmat[:, other]
         return dataclasses.replace(pose, site_xpos=place, site_xmat=turn)
 

@@ -16,17 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.adapt import Adaptation, carry_out
-from mjmotion.character import find_parts
+from mjmotion.ankles import give
 from mjmotion.clearance import find_obstacles
 from mjmotion.constraints import Constraint, SiteConstraint, lay_out
 from mjmotion.contacts import Contact, check_contacts, contact_sites, detect_contacts
 from mjmotion.exceptions import ContactError, FitError, unknown_name
 from mjmotion.fit import contact_shift, default_levels
 from mjmotion.footholds import find_feet
+from mjmotion.footpaths import FootPath
+from mjmotion.ik.solver import default_weights
 from mjmotion.kinematics import Kinematics, character_geoms, site_id
 from mjmotion.motion import Motion
-from mjmotion.planning import Plan, place, root_shift
-from mjmotion.retarget.copying import carry_root, copy_joints
+from mjmotion.planning import Plan, drop, mean_shift, place, shifted
+from mjmotion.retarget.copying import carry_root, copy_joints, leg_ratio
+from mjmotion.retarget.reaching import reach_of, roll_on
 from mjmotion.retarget.strides import Strides
 from mjmotion.rotations import from_matrix
 from mjmotion.scene import Scene, compose, load_character, load_scene
@@ -34,6 +37,7 @@ from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
 
+ROOT_STIFFNESS = 100.0  # how much stiffer than elsewhere against being moved the root is
 STRIDES = ("keep", "scale")
 
 
@@ -80,10 +84,12 @@ def retarget(
     where = scene if isinstance(scene, Scene) else load_scene(scene)
     body = load_character(to)
     say("contacts and footholds")
-    what, held = plan_retarget(motion, body.compile(), where, stride, contacts, constraints)
+    model = body.compile()
+    what, held = plan_retarget(motion, model, where, stride, contacts, constraints)
     return carry_out(
         *(what, compose(body, where), body),
         constraints=[*held, *constraints],
+        weights=_planned_root(model) if what.paths else default_weights(model),
         levels=levels,
         tolerance=tolerance,
         ik=ik,
@@ -135,7 +141,7 @@ def plan_retarget(
     about = motion.qpos[0, :3] * (1.0, 1.0, 0.0)
     scale = 1.0
     if stride == "scale":
-        scale = find_parts(model).hip_height / find_parts(motion.model).hip_height
+        scale = leg_ratio(motion.model, model)
     if not standing:
         shift = held_shift(guess, [*held, *constraints])
         return Plan(guess, found, (), (), (), shift, ()), held
@@ -143,10 +149,31 @@ def plan_retarget(
     guess = carry_root(motion, guess, about, scale, strides.support())
     placed = strides.place(guess, Ground(scene), float(scene.start_pos[2]))
     pose = Kinematics(model, guess.nframe).forward(guess.qpos)
-    shift = root_shift(guess, pose, placed.moved)
+    feet = strides.standing_feet
+    mean = mean_shift(guess, placed.moved)
+    reach = reach_of(guess, pose, placed.paths, mean)
+
+    def sunk(paths: Sequence[FootPath], share: float = 1.0) -> Array:
+        down = drop(guess, pose, paths, mean, reach)
+        return mean - share * down[:, None] * np.array((0.0, 0.0, 1.0))
+
+    # What is lacking is shared: heels rise for one half, and the hips sink for what is left.
+    half = sunk(placed.paths, 0.5)
+    paths = roll_on(guess, pose, feet, placed.paths, half, standing, reach)
+    shift = sunk(paths)
+    given, left = give(shifted(guess, shift), feet, paths, found)
+    if given != paths:
+        paths, found = given, left
+        shift = sunk(paths)
     obstacles = find_obstacles(scene.model, guess.qpos[:, :3] + shift, placed.footholds)
-    what = Plan(*(guess, found, placed.paths, strides.spots, placed.footholds), shift, obstacles)
-    return what, held
+    return Plan(guess, found, paths, strides.spots, placed.footholds, shift, obstacles), held
+
+
+def _planned_root(model: mujoco.MjModel) -> Array:
+    """Return rigidities (nv,) for a root that goes where it was carried, but may turn."""
+    weights = default_weights(model)
+    weights[:3] *= ROOT_STIFFNESS
+    return weights
 
 
 def hold_constraints(motion: Motion, holds: Sequence[Contact]) -> tuple[SiteConstraint, ...]:
