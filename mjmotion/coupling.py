@@ -32,7 +32,8 @@ Array = NDArray[np.float64]
 PREFIX = "couple_"
 _HALVINGS = 20
 _SLACK = 1e-9  # a limit passed by less than this is rounding [rad]
-_KINDS = (int(mujoco.mjtJoint.mjJNT_BALL), int(mujoco.mjtJoint.mjJNT_HINGE))
+_HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
+_KINDS = (int(mujoco.mjtJoint.mjJNT_BALL), _HINGE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,8 +50,8 @@ def coupled_joints(model: mujoco.MjModel) -> tuple[CoupledJoints, ...]:
     """Return the coupled joints of a model.
 
     Raises:
-      ModelError: a ``couple_`` tuple that names no joints, joints of two kinds, a joint twice, or a
-        share that is not positive.
+      ModelError: a ``couple_`` tuple that names no joints, joints of two kinds, a joint twice, a
+        share that is not positive, or hinges whose ranges exclude each other.
     """
     found, taken = [], set[int]()
     for index in range(model.ntuple):
@@ -73,7 +74,12 @@ def coupled_joints(model: mujoco.MjModel) -> tuple[CoupledJoints, ...]:
         if len(set(joints)) < size or taken & set(joints):
             raise ModelError(f"tuple '{name}' names a joint that is coupled already")
         taken |= set(joints)
-        found.append(CoupledJoints(name.removeprefix(PREFIX), joints, shares))
+        group = CoupledJoints(name.removeprefix(PREFIX), joints, shares)
+        if types == {_HINGE} and np.subtract(*_hinge_range(model, group)) > 0.0:
+            raise ModelError(
+                f"tuple '{name}': there is no turn that the ranges of all joints allow"
+            )
+        found.append(group)
     return tuple(found)
 
 
@@ -144,11 +150,14 @@ def shared_turn(model: mujoco.MjModel, group: CoupledJoints, qpos: Array) -> Arr
 def couple(model: mujoco.MjModel, qpos: ArrayLike) -> Array:
     """Return poses (n, nq) whose coupled joints have their shares of one turn, within limits.
 
-    Where a joint of a group would leave its range, the turn of the whole group is less.
+    Where a joint of a group would leave its range, the turn of the whole group is another, or, of
+    balls, less.
     """
     result = np.array(qpos, dtype=np.float64)
     for group in coupled_joints(model):
         turn = shared_turn(model, group, result)
+        if model.jnt_type[group.joints[0]] == _HINGE:
+            turn = np.clip(turn, *_hinge_range(model, group))
         result = _put(model, group, result, turn)
         over = np.flatnonzero(_excess(model, group, result) > _SLACK)
         if len(over) == 0:
@@ -161,6 +170,16 @@ def couple(model: mujoco.MjModel, qpos: ArrayLike) -> Array:
             low, high = np.where(inside, middle, low), np.where(inside, high, middle)
         result[over] = _put(model, group, result[over], turn[over] * low[:, None])
     return result
+
+
+def _hinge_range(model: mujoco.MjModel, group: CoupledJoints) -> tuple[float, float]:
+    """Return the least and the largest angle [rad] that all hinges of a group allow."""
+    low, high = -np.inf, np.inf
+    for joint, share in zip(group.joints, group.shares, strict=True):
+        if model.jnt_limited[joint]:
+            low = max(low, model.jnt_range[joint, 0] / share)
+            high = min(high, model.jnt_range[joint, 1] / share)
+    return low, high
 
 
 def _put(model: mujoco.MjModel, group: CoupledJoints, qpos: Array, turn: Array) -> Array:
@@ -180,6 +199,7 @@ def _put(model: mujoco.MjModel, group: CoupledJoints, qpos: Array, turn: Array) 
 def _excess(model: mujoco.MjModel, group: CoupledJoints, qpos: Array) -> Array:
     """Return how far (n,) the worst joint of a group is out of its range [rad]."""
     names = {model.joint(joint).name for joint in group.joints}
-    columns = [i for i, name in enumerate(limit_names(model)) if name.split(".")[0] in names]
+    names |= {f"{name}.{part}" for name in names for part in ("swing_x", "swing_y", "twist")}
+    columns = [i for i, name in enumerate(limit_names(model)) if name in names]
     excess = limit_excess(model, qpos)[:, columns]
     return np.asarray(excess.max(axis=1, initial=0.0))

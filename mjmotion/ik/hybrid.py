@@ -14,7 +14,8 @@ T and its normal matrix are kept from level to level once the errors are small (
 decides only how a displacement is shared, d0 closes the limbs whatever it is.
 
 Frames that break an inequality, or hold a site that is on no limb's end, need every joint and not
-only these; they are few, and go to the numeric solver.
+only these; they are few, and go to the numeric solver. So do limbs with coupled joints (§4.2), and
+all where a coupled joint of the body has its like elsewhere.
 """
 
 from __future__ import annotations
@@ -25,11 +26,13 @@ from numpy.typing import NDArray
 
 from mjmotion.bones import Bones
 from mjmotion.constraints import Targets
+from mjmotion.coupling import coupling
 from mjmotion.ik.body import Base, Reduced
 from mjmotion.ik.edges import Edges, find_edges, same
 from mjmotion.ik.limb import Limb, Limbs, LimbState, find_limbs, limbs_of
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import Clearance, Solution, default_weights
+from mjmotion.kinematics import body_dofs
 from mjmotion.rotations import (
     conjugate,
     dot,
@@ -68,7 +71,7 @@ class HybridIK:
         self.weights = default_weights(model) if weights is None else np.asarray(weights)
         self.bones = Bones.of(model) if bones is None else bones
         self._numeric = NumericIK(model, self.weights, bones=bones)
-        self._ends = {limb.end: limb for limb in find_limbs(model)}
+        self._ends = {limb.end: limb for limb in _free_limbs(model)}
         self._kept: Reduced | None = None
         self._last: tuple[Array, Limbs, LimbState] | None = None
         self._edges: Edges | None = None
@@ -208,6 +211,8 @@ class HybridIK:
                 if limb is not None and limb not in limbs:
                     limbs.append(limb)
                     closable[column] = True
+            if _tied(self.model, limbs):
+                limbs, closable = [], np.zeros_like(closable)
             made = None
             if limbs and self.bones is Bones.of(self.model):
                 made = limbs_of(self.model, tuple(limbs))
@@ -331,6 +336,20 @@ class HybridIK:
         pull = pull * (REACH_PENALTY**0.5 * far[rows])[..., None]
         matrix[rows] += np.einsum("nkb,nkc->nbc", pull, pull)
         right[rows] += (REACH_PENALTY**0.5 * np.einsum("nkb,nk->nb", pull, over))[..., None]
+
+
+def _free_limbs(model: mujoco.MjModel) -> list[Limb]:
+    """Return the limbs that can be closed on their own: none of their joints is coupled."""
+    tied = model.dof_bodyid[np.concatenate((coupling(model).leader, coupling(model).follower))]
+    return [x for x in find_limbs(model) if not np.isin((x.upper, x.lower, x.end), tied).any()]
+
+
+def _tied(model: mujoco.MjModel, limbs: list[Limb]) -> bool:
+    """Return whether some joints of a couple, not all, carry the limbs: T knows only those."""
+    carrying = np.zeros(model.nv, dtype=bool)
+    for limb in limbs:
+        carrying |= body_dofs(model, limb.base)
+    return bool((carrying[coupling(model).leader] != carrying[coupling(model).follower]).any())
 
 
 def _rise(limbs: Limbs, state: LimbState, goal: Array) -> Array:

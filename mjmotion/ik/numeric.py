@@ -279,22 +279,23 @@ class NumericIK:
     ) -> tuple[Array, Array, Array]:
         """Put joints that left their range on its edge and hold them there."""
         moved = oplus(self.model, qpos, displacement)
-        clamped = limits.clamp_to_limits(self.model, moved)
+        clamped = inside = limits.clamp_to_limits(self.model, moved)
         if self._coupling:
-            clamped = couple(self.model, clamped)
+            clamped = couple(self.model, inside)
         wrong = np.flatnonzero(np.abs(clamped - moved).max(axis=1) > _LIMIT_TOLERANCE)
         if len(wrong) == 0:
             return moved, displacement, freedom
         displacement, freedom = displacement.copy(), np.array(freedom)
-        moved[wrong] = clamped[wrong]
         edge = ominus(self.model, clamped[wrong], qpos[wrong])
-        off = np.abs(edge - displacement[wrong]) > _LIMIT_TOLERANCE
+        off = np.abs(edge - displacement[wrong])
+        if self._coupling:
+            # Shares are put right in every step; a limit that one of them reaches holds them all.
+            off = self._coupling.gather(np.abs(ominus(self.model, inside[wrong], moved[wrong])))
+        moved[wrong] = clamped[wrong]
         # A ball is held as a whole: its three numbers are one joint.
         for joint in range(self.model.njnt):
             columns = np.flatnonzero(self.model.dof_jntid == joint)
-            if np.isin(columns, self._coupling.leader).any():
-                continue  # the shares decide; every step puts them right again
-            hit = off[:, columns].any(axis=1)
+            hit = (off[:, columns] > _LIMIT_TOLERANCE).any(axis=1)
             if joint > 0 and hit.any():
                 freedom[np.ix_(wrong[hit], columns)] = 0.0
         displacement[wrong] = edge
