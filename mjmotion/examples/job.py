@@ -19,6 +19,7 @@ from mjmotion.constraints import SiteConstraint
 from mjmotion.contacts import Contact
 from mjmotion.fit import Fit, fit
 from mjmotion.ik import parameters
+from mjmotion.ik.solver import IKSolver
 from mjmotion.motion import Motion
 
 Array = NDArray[np.float64]
@@ -82,7 +83,9 @@ class Job:
             qpos[:, :3] += self.first_guess
         return qpos
 
-    def fit(self, ik: str = "hybrid", levels: Sequence[float] = LEVELS, **more: Any) -> Fit:
+    def fit(
+        self, ik: str | IKSolver = "hybrid", levels: Sequence[float] = LEVELS, **more: Any
+    ) -> Fit:
         """Fit the motion (Algorithm 1); ``more`` goes to :func:`mjmotion.fit.fit`."""
         settings: dict[str, Any] = {
             "first_guess": self.first_guess,

@@ -24,14 +24,20 @@ def seconds(task: Callable[[], object]) -> float:
 
 
 def take_turns(
-    tasks: Mapping[str, Callable[[], T]], repeats: int
+    tasks: Mapping[str, Callable[[], T]], repeats: int, *, warm: bool = True
 ) -> dict[str, list[tuple[float, T]]]:
-    """Return the time [s] and the result of every run of every task, after one that does not count.
+    """Return the time [s] and the result of every run of every task.
 
     The tasks take turns, so that a slow spell of the machine falls on all of them.
+
+    Args:
+      tasks: what to run.
+      repeats: how often.
+      warm: run each once before, which does not count.
     """
-    for task in tasks.values():
-        task()
+    if warm:
+        for task in tasks.values():
+            task()
     runs: dict[str, list[tuple[float, T]]] = {name: [] for name in tasks}
     for _ in range(repeats):
         for name, task in tasks.items():
