@@ -26,7 +26,7 @@ FEET = ("left_foot", "right_foot")
 LIMBS = HANDS + FEET
 
 _CROSSING = np.deg2rad(30.0)  # between the fingers and the rope
-_FINGERS_IN = np.deg2rad(35.0)  # how far the fingers point inward, about the rope
+_FINGERS_IN = np.deg2rad(32.0)  # how far the fingers point inward, about the rope
 _TOES_DOWN = np.deg2rad(24.0)
 _TOES_OUT = np.deg2rad(7.0)
 _PALM = (0.006, 0.0, 0.0)  # where the rope passes a hand, from its site: towards the thumb [m]

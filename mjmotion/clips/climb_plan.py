@@ -35,7 +35,7 @@ HELD: dict[str, tuple[tuple[int, int], ...]] = {
     "right_foot": ((14, 108), (119, 214), (225, 275)),
 }
 
-_FIRST = {"left_hand": 2.15, "right_hand": 2.19, "left_foot": 0.765, "right_foot": 0.765}  # [m]
+_FIRST = {"left_hand": 2.09, "right_hand": 2.20, "left_foot": 0.765, "right_foot": 0.765}  # [m]
 # Hands draw the rope a little to their own side, feet press it a little forward [m].
 _BESIDE = {"left_hand": 0.005, "right_hand": -0.005, "left_foot": 0.0, "right_foot": 0.0}
 _BEFORE = {"left_hand": 0.0, "right_hand": 0.0, "left_foot": 0.04, "right_foot": 0.04}

@@ -33,7 +33,7 @@ _STEP = 0.002  # [s]
 _EDGE_STIFF = (-3e5, -300.0)  # solref of the edges' equality: 1 N/kg stretches an edge by 3 µm
 _EDGE_IMPEDANCE = (0.99, 0.999, 0.001, 0.5, 2.0)
 _THICK = 0.1  # of the beam and its posts [m]
-_SPAN = 1.4  # from the rope to either post [m]
+_SPAN = 2.2  # from the rope to either post [m]
 
 
 def rope(

@@ -120,6 +120,7 @@ class Canvas:
 
     def draw(self, rect: mujoco.MjrRect, scene: mujoco.MjvScene) -> None:
         """Draw ``scene`` into the rectangle ``rect`` [pixel, origin at the bottom left]."""
+        self._gl.make_current()  # there may be other canvases
         mujoco.mjr_render(rect, scene, self._context)
 
     def upload_hfield(self, model: mujoco.MjModel, hfield: int) -> None:
@@ -140,6 +141,7 @@ class Canvas:
 
     def read(self) -> Image:
         """Return a copy of the picture."""
+        self._gl.make_current()
         whole = mujoco.MjrRect(0, 0, self.width, self.height)
         mujoco.mjr_readPixels(self._buffer, None, whole, self._context)
         return self._buffer[::-1].copy()
