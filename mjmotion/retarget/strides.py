@@ -19,10 +19,13 @@ from mjmotion.footholds import Foot, Foothold, Stance, find_feet, find_footholds
 from mjmotion.footpaths import FootPath, ease, foot_path
 from mjmotion.kinematics import Kinematics, Pose, site_id
 from mjmotion.motion import Motion
-from mjmotion.retarget.copying import leg_ratio
+from mjmotion.retarget.copying import leg_ratio, mid_hips
 from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
+
+LIFT_SHARE = 0.25  # share of a swing in which a foot comes to its own height, at either end
+FOLLOW_TIME = 0.3  # in which a foot outside its stances comes to go along with the hips [s]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -35,6 +38,9 @@ class Strides:
       feet: the other body's, side by side with those.
       stances: all stances on the source's spots.
       spots: the same on the other body's spots.
+      hips: (nframe, 3) the middle of the source's hips [m].
+      scale: factor on the plane.
+      fps: frames a second.
     """
 
     pose: Pose
@@ -42,6 +48,9 @@ class Strides:
     feet: tuple[Foot, ...]
     stances: tuple[Stance, ...]
     spots: tuple[Stance, ...]
+    hips: Array
+    scale: float
+    fps: float
 
     @classmethod
     def find(
@@ -71,7 +80,9 @@ class Strides:
             spot = about + scale * (stance.source_pos - about)
             spot[2] = stance.source_pos[2]
             spots.append(dataclasses.replace(stance, source_pos=spot))
-        return cls(pose, theirs, mine, stances, tuple(spots))
+        return cls(
+            *(pose, theirs, mine, stances, tuple(spots), mid_hips(motion)), scale, motion.fps
+        )
 
     def blended(self, foot: int, values: Sequence[Array]) -> Array:
         """Return values (k,), one a stance of all, for one foot at every frame (nframe, k).
@@ -97,8 +108,23 @@ class Strides:
             along = (np.arange(before.end, after.start) + 1.0 - before.end) / (
                 after.start - before.end + 1.0
             )
-            share[before.end : after.start] = ease(2.0 * np.minimum(along, 1.0 - along))
+            share[before.end : after.start] = ease(
+                np.minimum(1.0, np.minimum(along, 1.0 - along) / LIFT_SHARE)
+            )
         return share
+
+    def _following(self, foot: int) -> Array:
+        """Return how far a foot goes along with the hips (nframe, 3) [m] outside its stances.
+
+        Before its first and after its last there is no spot to come from or go to.
+        """
+        mine = [stance for stance in self.stances if stance.foot == foot]
+        frame = np.arange(len(self.hips))
+        away = np.maximum(mine[0].start - frame, frame - mine[-1].end + 1)
+        share = ease(np.clip(away / (FOLLOW_TIME * self.fps), 0.0, 1.0))
+        speed = np.diff(self.hips, axis=0, prepend=self.hips[:1]) * (1.0, 1.0, 0.0)
+        way = np.cumsum(share[:, None] * speed, axis=0)
+        return np.asarray(way - way[mine[0].start])
 
     def standing(self) -> list[int]:
         """Return the numbers of the feet that stand at all."""
@@ -151,10 +177,11 @@ class Strides:
             column, other = site_id(pose.model, mine.site), site_id(self.pose.model, theirs.site)
             long = np.linalg.norm(mine.toe - mine.heel) / np.linalg.norm(theirs.toe - theirs.heel)
             anchor = self.blended(index, anchors)
-            besides = long * (self.pose.site_xpos[:, other] - anchor)
+            along = self._following(index)
+            besides = long * (self.pose.site_xpos[:, other] - anchor - along)
             # Longer legs lift the foot higher in mid-swing, as the same joint angles would.
             besides[:, 2] *= 1.0 + max(0.0, legs / float(long) - 1.0) * self._swinging(index)
-            place[:, column] = anchor + besides
+            place[:, column] = anchor + self.scale * along + besides
             turn[:, column] = self.pose.site_xmat[:, other]
         return dataclasses.replace(pose, site_xpos=place, site_xmat=turn)
 
