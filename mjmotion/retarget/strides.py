@@ -25,6 +25,7 @@ from mjmotion.scene.ground import Ground
 Array = NDArray[np.float64]
 
 LIFT_SHARE = 0.25  # share of a swing in which a foot comes to its own height, at either end
+LIFT_TIME = 0.1  # the same for a swing that the motion cuts off [s]
 FOLLOW_TIME = 0.3  # in which a foot outside its stances comes to go along with the hips [s]
 
 
@@ -100,17 +101,19 @@ class Strides:
         return blend
 
     def _swinging(self, foot: int) -> Array:
-        """Return how far into a swing a foot is (nframe,): 0 where it stands, 1 half way."""
-        nframe = len(self.pose.xpos)
-        share = np.zeros(nframe)
+        """Return how far off its stances a foot is (nframe,): 0 where it stands, 1 well between."""
+        frame = np.arange(len(self.hips))
+        share = np.zeros(len(frame))
         mine = [stance for stance in self.stances if stance.foot == foot]
-        for before, after in pairwise(mine):
-            along = (np.arange(before.end, after.start) + 1.0 - before.end) / (
-                after.start - before.end + 1.0
-            )
-            share[before.end : after.start] = ease(
-                np.minimum(1.0, np.minimum(along, 1.0 - along) / LIFT_SHARE)
-            )
+        ends = [-np.inf, *(float(stance.end - 1) for stance in mine)]
+        starts = [*(float(stance.start) for stance in mine), np.inf]
+        for end, start in zip(ends, starts, strict=True):
+            inside = (frame > end) & (frame < start)
+            time = LIFT_SHARE * (start - end)
+            if not np.isfinite(time):
+                time = LIFT_TIME * self.fps
+            apart = np.minimum(frame - end, start - frame)[inside]
+            share[inside] = ease(np.minimum(1.0, apart / time))
         return share
 
     def _following(self, foot: int) -> Array:
