@@ -28,6 +28,7 @@ from mjmotion.clips.gait_plan import Segment
 from mjmotion.contacts import Contact, detect_contacts
 from mjmotion.examples.job import LEVELS, Job
 from mjmotion.fit import Fit
+from mjmotion.ik.solver import IKSolver
 from mjmotion.morph import MorphBody, Stride, find_stride, fit_stride
 from mjmotion.motion import Motion
 
@@ -106,12 +107,14 @@ class MorphJob(Job):
         assert self.stride is not None and self.bones is not None
         return np.array(self.stride.first_guess(self.bones).qpos)
 
-    def fit(self, ik: str = "hybrid", levels: Sequence[float] = LEVELS, **more: Any) -> Fit:
+    def fit(
+        self, ik: str | IKSolver = "hybrid", levels: Sequence[float] = LEVELS, **more: Any
+    ) -> Fit:
         """Fit the motion; ``more`` is what the job's parts would be in :func:`mjmotion.fit.fit`.
 
         With settings of one's own it is the plain fit, from the root's shift.
         """
-        if more or self.stride is None or self.body is None:
+        if more or not isinstance(ik, str) or self.stride is None or self.body is None:
             return super().fit(ik, levels, **more)
         return fit_stride(self.stride, self.body, levels=levels, ik=ik)
 
