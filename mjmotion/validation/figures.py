@@ -279,6 +279,12 @@ def joint_jerk(motion: Motion) -> Array:
     return np.asarray(jerk)
 
 
+def joint_jerk_ratio(motion: Motion, others: Sequence[Motion]) -> float:
+    """Return the RMS joint jerk of a motion over the largest of others', such as its clips'."""
+    size = [float(np.sqrt(np.mean(joint_jerk(one) ** 2))) for one in (motion, *others)]
+    return ratio(size[0], max(size[1:]))
+
+
 def jerk_dofs(model: mujoco.MjModel) -> Index:
     """Return the degrees of freedom that are joint angles: of hinges and balls."""
     kind = model.jnt_type[model.dof_jntid]
