@@ -27,9 +27,9 @@ from mjmotion.scene import load_scene
 from mjmotion.transition import blend_clips
 
 FRAMES = 119  # of Table 1
-FIRST = 41  # frame of the whole that the job begins with; some to either side make no difference
+FIRST = 42  # frame of the whole that the job begins with; some to either side make no difference
 STRIDES = (3.0, 2.0)  # of each walk and of the sneaking
-DUTY = 0.58  # share of a stride that a foot stands in the walk
+DUTY = 0.57  # share of a stride that a foot stands in the walk
 
 
 def make_clips(model: mujoco.MjModel | None = None) -> tuple[Motion, Motion]:

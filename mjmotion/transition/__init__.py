@@ -8,7 +8,7 @@ result.source, result.motion      # the blend before the fit, and after
 from __future__ import annotations
 
 from mjmotion.transition.blend import Blend, blend
-from mjmotion.transition.join import Joined, blend_clips, join, transition
+from mjmotion.transition.join import Joined, Place, blend_clips, join, keep_contacts, transition
 from mjmotion.transition.overlap import Overlap, find_overlap
 from mjmotion.transition.sampling import resample, resample_contacts, sample
 from mjmotion.transition.warp import Warp, find_warp
@@ -17,12 +17,14 @@ __all__ = [
     "Blend",
     "Joined",
     "Overlap",
+    "Place",
     "Warp",
     "blend",
     "blend_clips",
     "find_overlap",
     "find_warp",
     "join",
+    "keep_contacts",
     "resample",
     "resample_contacts",
     "sample",

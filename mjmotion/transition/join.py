@@ -48,11 +48,15 @@ class Joined:
       motion: the blend, beginning at the origin along +x.
       contacts: who stands when.
       overlaps: of every two clips: frames of the result ``(start, end)``.
+      places: the same in the clips' own frames, at the result's rate.
+      clips: the clips at that rate.
     """
 
     motion: Motion
     contacts: tuple[Contact, ...]
     overlaps: tuple[tuple[int, int], ...]
+    places: tuple[Overlap, ...]
+    clips: tuple[Motion, ...]
 
 
 def blend_clips(
@@ -88,7 +92,7 @@ def blend_clips(
     first, standing = ready[0]
     cut = 0  # frames that the clip at the end of the blend has lost of its own
     earliest = 0
-    found = []
+    found, used = [], []
     for number, ((second, others), place) in enumerate(zip(ready[1:], places, strict=True)):
         pair = (standing, others)
         if place is None:
@@ -106,13 +110,13 @@ def blend_clips(
                     f"an overlap begins at frame {given.first} of a clip, before the one before it"
                     f" has ended at {earliest - cut}: begin later"
                 )
-        both = blend(
-            first, second, pair, find_warp(first, second, pair, where, align=place is None)
-        )
+        warp = find_warp(first, second, pair, where, align=place is None)
+        both = blend(first, second, pair, warp)
+        used.append(Overlap(where.first - cut, round(float(warp.second[0])), warp.length))
         cut, earliest = both.end - both.unused, both.end
         first, standing = both.motion, both.contacts
         found.append((both.start, both.end))
-    return Joined(first, standing, tuple(found))
+    return Joined(first, standing, tuple(found), tuple(used), tuple(m for m, _ in ready))
 
 
 def _length(ready: Sequence[Ready], number: int, length: int | None) -> int:
@@ -201,7 +205,41 @@ def join(
     say = progress or (lambda stage: None)
     say("overlaps and blends")
     joined = blend_clips(clips, overlaps=overlaps, contacts=contacts, length=length)
-    say("footholds")
+    return keep_contacts(
+        joined,
+        character=character,
+        levels=levels,
+        tolerance=tolerance,
+        ik=ik,
+        progress=progress,
+    )
+
+
+def keep_contacts(
+    joined: Joined,
+    *,
+    character: str | Path = "humanoid",
+    levels: Sequence[float] | None = None,
+    tolerance: float = 1e-4,
+    ik: str = "hybrid",
+    progress: Callable[[str], None] | None = None,
+) -> Adaptation:
+    """Enforce the contacts of clips in one on level ground.
+
+    Args:
+      joined: what :func:`blend_clips` returned.
+      character: the MJCF that the clips are on, or the name of one of ours.
+      levels: frames a knot, coarse to fine.
+      tolerance: refinement stops once no constraint is off by more [m].
+      ik: ``"hybrid"`` or ``"numeric"``.
+      progress: called with the name of each stage as it begins.
+
+    Raises:
+      ContactError: no foot stands in any clip.
+      ConstraintError, ModelError, FitError: bad input.
+    """
+    if progress is not None:
+        progress("footholds")
     scene = load_scene("flat")
     return carry_out(
         *(plan(joined.motion, scene, joined.contacts), compose(character, scene), character),
@@ -257,4 +295,4 @@ def transition(
     )
 
 
-__all__ = ["Contacts", "Joined", "Place", "blend_clips", "join", "transition"]
+__all__ = ["Contacts", "Joined", "Place", "blend_clips", "join", "keep_contacts", "transition"]
