@@ -35,6 +35,8 @@ COMMANDS = (
     "character",
     "edit-frame",
     "morph",
+    "transition",
+    "join",
 )
 
 
