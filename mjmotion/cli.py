@@ -34,6 +34,7 @@ COMMANDS = (
     "scene",
     "character",
     "edit-frame",
+    "table1",
     "morph",
     "transition",
     "join",

@@ -23,7 +23,6 @@ import statistics
 from collections.abc import Callable, Mapping
 from functools import partial
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -32,7 +31,7 @@ from mjmotion.examples.job import LEVELS, Job
 from mjmotion.examples.timing import take_turns
 from mjmotion.fit import contact_shift, residuals
 from mjmotion.ik.hybrid import HybridIK
-from mjmotion.ik.solver import Clearance, IKSolver, Solution
+from mjmotion.ik.solver import Clearance, Solution
 from mjmotion.kinematics import character_height
 from mjmotion.motion import Motion
 from mjmotion.spacetime import objective, solve_spacetime
@@ -111,8 +110,11 @@ def multilevel(job: Job) -> Motion:
 
 def interpolating(job: Job) -> Motion:
     """Fit one cubic spline through the displacements of all constrained frames."""
-    solver = Converged(HybridIK(job.motion.model, job.weights, bones=job.bones), job.motion.model)
-    return job.fit(solver, levels=(1.0,), exact=False, curve=through_all).motion
+    solver = Converged(job.motion.model, job.weights, bones=job.bones)
+    # The same first guess: of itself the fit would smooth it by its own levels.
+    shift = first_guess(job)[:, :3] - job.motion.qpos[:, :3]
+    fitted = job.fit(solver, levels=(1.0,), exact=False, curve=through_all, first_guess=shift)
+    return fitted.motion
 
 
 def levels_of(job: Job, curve: Curve) -> Motion:
@@ -233,31 +235,26 @@ def normal_equations(
     return np.asarray(basis_matrix(np.arange(nframe), nframe, spacing) @ control)
 
 
-class Converged:
-    """An IK solver that goes on until its targets are met: what an interpolating spline needs."""
-
-    def __init__(self, solver: IKSolver, model: mujoco.MjModel) -> None:
-        self.solver, self.model = solver, model
+class Converged(HybridIK):
+    """Hybrid IK that goes on until its targets are met: what an interpolating spline needs."""
 
     def solve(
-        self, qpos: Array, targets: Targets, inequalities: Clearance | None = None
+        self,
+        qpos: Array,
+        targets: Targets,
+        inequalities: Clearance | None = None,
+        deviation: Array | None = None,
     ) -> Solution:
         """Return displacements for poses (n, nq) at ``targets.frames``; see :class:`IKSolver`."""
-        moved, first = qpos, None
+        first = solution = super().solve(qpos, targets, inequalities, deviation)
+        moved = qpos
         for _ in range(_MOST_STEPS):
-            solution = self.solver.solve(moved, targets, inequalities)
-            first = solution.error if first is None else first
+            moved = oplus(self.model, moved, solution.displacement)
+            solution = super().solve(moved, targets, inequalities, deviation)
             if solution.error.max(initial=0.0) < _EXACT:
                 break
-            moved = oplus(self.model, moved, solution.displacement)
-        closing = self.solver.enforce(moved, targets).displacement
-        moved = oplus(self.model, moved, closing)
-        assert first is not None
-        return Solution(ominus(self.model, moved, qpos), first)
-
-    def enforce(self, qpos: Array, targets: Targets) -> Solution:
-        """Return displacements that meet every target exactly (§4.4)."""
-        return self.solver.enforce(qpos, targets)
+        moved = oplus(self.model, moved, self.enforce(moved, targets).displacement)
+        return Solution(ominus(self.model, moved, qpos), first.error)
 
 
 class Measure:
@@ -296,7 +293,7 @@ class Measure:
         from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
         job, frames = self.job, self.targets.frames
-        solver = Converged(HybridIK(self.model, job.weights, bones=job.bones), self.model)
+        solver = Converged(self.model, job.weights, bones=job.bones)
         data = np.zeros((job.nframe, self.model.nv))
         data[frames] = solver.solve(self.guess[frames], self.targets).displacement
         data = data[:, self.joints]
