@@ -25,13 +25,14 @@ from numpy.typing import NDArray
 from mjmotion.constraints import Constraint, SiteConstraint, Targets
 from mjmotion.exceptions import ConstraintError
 from mjmotion.kinematics import site_id
-from mjmotion.rotations import cross, exp, multiply, normalized, rotate, to_matrix
+from mjmotion.rotations import conjugate, cross, exp, multiply, normalized, rotate, to_matrix
 
 Array = NDArray[np.float64]
 
 RIGIDITY = 1e-3  # α of a move on which nothing else depends, so that it stays [1/m²]
 STEP_LIMIT = 0.25  # the most that a move changes at one level [m or rad]
 SETTLED = 1e-4  # a move that changes less at a level is settled [m or rad]
+_FEW = 64  # frames that are asked anyway
 _WIDTH = 4  # unknowns of a move: three directions and a turn
 
 
@@ -169,11 +170,14 @@ class SharedMoves:
         self._targets = targets
         # Entries: one for each move, and target of its site in one of its frames.
         row, column, index, share = [], [], [], []
+        asked = np.maximum(targets.position_weight, targets.turn_weight)
         for number, move in enumerate(moves):
             found = np.flatnonzero(targets.sites == site_id(model, move.site))
-            there = np.isin(move.frames, targets.frames)
+            there = np.flatnonzero(np.isin(move.frames, targets.frames))
             rows = np.searchsorted(targets.frames, move.frames[there])
-            if len(found) == 0 or len(rows) == 0:
+            held = (asked[rows][:, found] > 0.0).any(axis=1)
+            there, rows = there[held], rows[held]
+            if len(rows) == 0:
                 raise ConstraintError(
                     f"shared move of '{move.site}' at frames {move.frames[0]} to"
                     f" {move.frames[-1]}: no constraint holds that site there"
@@ -198,25 +202,61 @@ class SharedMoves:
         self._rounds = self._turns()
         self._pairs, self._blocks = self._meeting()
 
-    @property
-    def shortest(self) -> int:
-        """Frames of the move that has fewest."""
-        return int(np.bincount(self._index).min())
+    def some_rows(self, count: int) -> NDArray[np.int64]:
+        """Return evenly spaced places in the targets' frames, some ``count`` of every move.
+
+        All of them, where they are few, or where even spacing would miss most of a move.
+        """
+        size = np.bincount(self._index)
+        step = max(1, min(int(size.min()) // count, len(self._targets.frames) // _FEW))
+        rows = np.arange(step // 2, len(self._targets.frames), step)
+        got = np.bincount(self._index[np.isin(self._row, rows)], minlength=len(size))
+        return rows if (2 * step * got >= size).all() else np.arange(len(self._targets.frames))
 
     def moved(self, values: Array) -> Targets:
         """Return the targets after moves (nmove, 4): along the directions [m], and turns [rad]."""
-        targets = self._targets
-        position, quat = targets.position.copy(), targets.quat.copy()
+        position, quat, _, _ = self._apply(values)
+        return dataclasses.replace(
+            self._targets, position=position, quat=quat, matrix=to_matrix(quat)
+        )
+
+    def _apply(
+        self, values: Array, asked: NDArray[np.bool_] | None = None
+    ) -> tuple[Array, Array, Array, Array]:
+        """Make the moves (nmove, 4), of all entries or of those (nentry,) that are asked.
+
+        Returns:
+          positions (n, s, 3) and orientations (n, s, 4) of all targets, and of every entry, when
+          its move was made: pivot to target (nentry, 3), turned, and the orientation (nentry, 4).
+        """
+        position, quat = self._targets.position.copy(), self._targets.quat.copy()
         step = np.einsum("ci,cij->cj", values[:, :3], self._directions)
         turn = values[:, 3:] * self._axis
-        for entries in self._rounds:
+        arm, own = np.empty((len(self._row), 3)), np.empty((len(self._row), 4))
+        for some in self._rounds:
+            entries = some if asked is None else some[asked[some]]
             where = (self._row[entries], self._column[entries])
             mine, share = self._index[entries], self._share[entries][:, None]
-            turned = exp(share * turn[mine])
-            pivot = self._pivot[mine]
-            position[where] = pivot + rotate(turned, position[where] - pivot) + share * step[mine]
-            quat[where] = multiply(turned, quat[where])
-        return dataclasses.replace(targets, position=position, quat=quat, matrix=to_matrix(quat))
+            turned, pivot = exp(share * turn[mine]), self._pivot[mine]
+            arm[entries] = rotate(turned, position[where] - pivot)
+            position[where] = pivot + arm[entries] + share * step[mine]
+            quat[where] = own[entries] = multiply(turned, quat[where])
+        return position, quat, arm, own
+
+    def _effects(self, values: Array, asked: NDArray[np.bool_]) -> Array:
+        """Return what each unknown does to a target (nentry, 6, 4): a move and a turn; else 0."""
+        _, quat, arm, own = self._apply(values, asked)
+        entry = np.flatnonzero(asked)
+        index = self._index[entry]
+        change = np.zeros((len(entry), _WIDTH, 2, 3))  # unknown; move, turn
+        change[:, :3, 0], change[:, 3, 1] = self._directions[index], self._axis[index]
+        change[:, 3, 0] = cross(self._axis[index], arm[entry])
+        # What one move does is turned along by those that come after it.
+        later = multiply(quat[self._row[entry], self._column[entry]], conjugate(own[entry]))
+        change = rotate(later[:, None, None], change) * self._share[entry, None, None, None]
+        effects = np.zeros((len(asked), 6, _WIDTH))
+        effects[entry] = change.reshape(-1, _WIDTH, 6).swapaxes(1, 2)
+        return effects
 
     def step(
         self, values: Array, targets: Targets, rows: NDArray[np.int64], sensitivity: Sensitivity
@@ -234,14 +274,8 @@ class SharedMoves:
         weight = len(targets.frames) / len(rows)
         asked = place[self._row] >= 0
         entry = np.flatnonzero(asked)
-        row, column, index = place[self._row[entry]], self._column[entry], self._index[entry]
-        axis = self._axis[index]
-        lever = targets.position[self._row[entry], column] - self._pivot[index]
-        effect = np.zeros((len(self._row), 6, _WIDTH))
-        effect[entry, :3, :3] = np.swapaxes(self._directions[index], 1, 2)
-        effect[entry, :3, 3] = cross(axis, lever)
-        effect[entry, 3:, 3] = axis
-        effect *= self._share[:, None, None]
+        row, column = place[self._row[entry]], self._column[entry]
+        effect = self._effects(values, asked)
         pull = np.zeros((len(self._row), _WIDTH))
         slope = sensitivity.gradient[row, column]
         pull[entry] = weight * (np.swapaxes(effect[entry], 1, 2) @ slope[..., None])[..., 0]

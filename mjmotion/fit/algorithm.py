@@ -277,7 +277,7 @@ def _move(
 
     What frames answer varies slowly: a few of the shortest move speak for all.
     """
-    rows = np.arange(0, len(poses), max(1, together.shortest // _ASKED))
+    rows = together.some_rows(_ASKED)
     some = targets.at(rows)
     sensitivity = solver.sensitivity(poses[rows], some, deviation[rows])
     better = together.step(values, targets, rows, sensitivity)
