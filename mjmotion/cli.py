@@ -38,6 +38,7 @@ COMMANDS = (
     "morph",
     "transition",
     "join",
+    "rope",
 )
 
 

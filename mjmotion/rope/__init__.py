@@ -1,1 +1,24 @@
-"""Rope."""
+"""Climbing a rope (Figure 5c): fitted to another character, the rope simulated, both measured.
+
+climb = climb_rope("climber")
+with result_folder("out/rope") as folder:
+write_climb(folder, climb)
+"""
+
+from mjmotion.rope.climb import RopeClimb, climb_rope
+from mjmotion.rope.folder import render_climb, write_climb
+from mjmotion.rope.measure import RopeFigures, measure
+from mjmotion.rope.points import RopePoints, rope_points
+from mjmotion.rope.simulate import simulate
+
+__all__ = [
+    "RopeClimb",
+    "RopeFigures",
+    "RopePoints",
+    "climb_rope",
+    "measure",
+    "render_climb",
+    "rope_points",
+    "simulate",
+    "write_climb",
+]

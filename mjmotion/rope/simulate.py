@@ -187,7 +187,7 @@ class _Simulation:
             self.model.eq_data[self.rows[index], 0] = place - self.rest[index]
 
     def _state(self, index: int) -> tuple[Array, Array]:
-        """Return position [m] and velocity [m/s] of the place on the rope that a hold is to take."""
+        """Return where the place that a hold takes is [m], and how fast it moves [m/s]."""
         edge, share = self.rope.share(float(self.along[index]))
         position = self.rope.at(self.rope.positions(self.data.qpos), float(self.along[index]))
         velocity = np.zeros(3)

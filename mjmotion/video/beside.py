@@ -74,7 +74,8 @@ def render_beside(
       captions: what they are called on the picture.
       holds: places that are marked, in all panels, while they are held.
       bearing: direction of the camera, about z from +x [rad].
-      width, height: of the video, even [pixel].
+      width: of the video, even [pixel].
+      height: of the video, even [pixel].
       fps: frames a second at most.
       crf: H.264 constant rate factor; lower is better and larger.
       progress: called with frames done and frames in all.
@@ -164,7 +165,7 @@ class _Panels:
     def picture(self, frame: int) -> Image:
         """Return the picture of one frame."""
         held = [hold for hold in self._holds if hold.start <= frame < hold.end]
-        parts = []
+        parts: list[Image] = []
         size = max(self._height // 26, 10)
         for motion, stage, canvas, caption in zip(
             self._motions, self._stages, self._canvases, self._captions, strict=True
