@@ -19,6 +19,7 @@ from mjmotion.scene.model import (
     compose,
     load_character,
     load_scene,
+    scene_of,
     with_ground,
 )
 from mjmotion.scene.save import save_model
@@ -38,6 +39,7 @@ __all__ = [
     "load_scene",
     "rope",
     "save_model",
+    "scene_of",
     "slope",
     "stairs",
     "terrain",

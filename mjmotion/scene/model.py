@@ -29,6 +29,9 @@ START_SITE = "start"
 _SUNSHINE = (-0.45, 0.25, -1.0)  # direction: the side to the right of the walk is lit
 _SUN_DISTANCE = 12.0  # nothing behind the light casts a shadow, so it stands over the scene
 
+LIMIT_PREFIX = "limit_"
+"""Of the names of custom numerics that belong to a character: limits of its ball joints."""
+
 _FILE_LIKE = (".xml", ".mjcf", ".urdf")
 
 
@@ -140,6 +143,35 @@ def with_ground(character: str | Path) -> mujoco.MjSpec:
     if len(character_geoms(model)) < model.ngeom:
         return spec
     return compose(character, load_scene("flat"))
+
+
+def scene_of(character: str | Path | mujoco.MjSpec) -> Scene | None:
+    """Return the scene in which a model's character stands; None where it stands in nothing.
+
+    Args:
+      character: as of :func:`load_character`, such as the ``model.xml`` of a result folder.
+
+    Raises:
+      ModelError: the character does not exist, does not compile, or has no free root.
+      SceneError: what is left without the character is no scene.
+    """
+    spec = load_character(character)
+    model = spec.compile()
+    if len(character_geoms(model)) == model.ngeom:
+        return None
+    name = spec.modelname.rsplit(" on ", 1)[-1]
+    for kind in ("keys", "tuples", "sensors", "actuators", "tendons", "equalities", "excludes"):
+        for element in list(getattr(spec, kind)):
+            spec.delete(element)
+    for numeric in [one for one in spec.numerics if one.name.startswith(LIMIT_PREFIX)]:
+        spec.delete(numeric)
+    root = model.jnt_bodyid[0]
+    spec.delete(next(body for body in spec.bodies if body.id == root))
+    for kind, used in (("meshes", "meshname"), ("materials", "material")):
+        names = {getattr(geom, used) for geom in spec.geoms}
+        for asset in [one for one in getattr(spec, kind) if _asset_name(one) not in names]:
+            spec.delete(asset)
+    return Scene.from_spec(spec, name)
 
 
 def first_line(error: BaseException) -> str:
