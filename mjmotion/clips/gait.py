@@ -69,6 +69,7 @@ _BOB_EARLY = 0.05  # [cycles]
 _BOB = 1.6  # the mean over strides and people flattens what each of them does
 _NEAR = 40  # the pelvis keeps its height for this long about its lowest [0.01 cycles]
 _STAND = (1.0, 0.9)  # quiet standing before a start and after a stop [s]
+_STAND_LONGER = 0.93  # the latter of the clip that only stops [s]
 _GRAVITY = 9.81
 _LEAN = (0.25, 0.35)  # shares of the lean into a turn that pelvis and spine take
 _LOOK_AHEAD = 0.45  # how far ahead the head looks into a turn [cycles]
@@ -235,8 +236,10 @@ def _walk(model: mujoco.MjModel) -> Motion:
     return make_walk(model, seconds=FRAMES / 30.0)
 
 
-def _part(segments: Sequence[Segment], model: mujoco.MjModel) -> Motion:
-    return make_walk(model, segments=segments)
+def _part(
+    segments: Sequence[Segment], model: mujoco.MjModel, *, stand: tuple[float, float] = _STAND
+) -> Motion:
+    return make_walk(model, segments=segments, stand=stand)
 
 
 def _sneak(model: mujoco.MjModel) -> Motion:
@@ -245,12 +248,20 @@ def _sneak(model: mujoco.MjModel) -> Motion:
     return make_sneak(model)
 
 
+def _turn(kind: str) -> tuple[Segment, ...]:
+    """Return a turn with a stride before and after it, in which clips are joined."""
+    return (Segment("straight", 1.0), Segment(kind, 2.0), Segment("straight", 1.0))
+
+
+# Start, straight, turns and stop, joined in this order, make the paper's 464 frames.
 BUILTIN: dict[str, Callable[[mujoco.MjModel], Motion]] = {
     "walk": _walk,
-    "start": partial(_part, (Segment("start"), Segment("straight", 1.0))),
+    "start": partial(_part, (Segment("start"), Segment("straight", 2.0))),
     "straight": partial(_part, (Segment("straight", 3.0),)),
-    "turn_left": partial(_part, (Segment("turn_left", 2.0),)),
-    "turn_right": partial(_part, (Segment("turn_right", 2.0),)),
-    "stop": partial(_part, (Segment("straight", 1.0), Segment("stop"))),
+    "turn_left": partial(_part, _turn("turn_left")),
+    "turn_right": partial(_part, _turn("turn_right")),
+    "stop": partial(
+        _part, (Segment("straight", 1.0), Segment("stop")), stand=(_STAND[0], _STAND_LONGER)
+    ),
     "sneak": _sneak,
 }
