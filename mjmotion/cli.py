@@ -33,6 +33,7 @@ COMMANDS = (
     "info",
     "scene",
     "character",
+    "retarget",
     "edit-frame",
     "table1",
     "morph",
