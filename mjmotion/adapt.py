@@ -157,6 +157,8 @@ def carry_out(
     say = progress or (lambda stage: None)
     composed, model, nframe = spec.compile(), what.source.model, what.source.nframe
     weights = stiff_root(model) if weights is None else weights
+    posed = {path.site for path in what.paths}
+    feet = [foot for foot in find_feet(model) if foot.site in posed] if posed else []
     own = _within_reach(constraints, shifted(what.source, what.root_shift))
     wanted = [*what.constraints(), *own]
     began = time.perf_counter()
@@ -183,7 +185,7 @@ def carry_out(
     contacts_left = what.contacts
     for _ in range(GIVE_ROUNDS):
         # Only the fitted motion shows for certain what the ankles are asked for.
-        paths, contacts_left = give(result.motion, find_feet(model), what.paths, contacts_left)
+        paths, contacts_left = give(result.motion, feet, what.paths, contacts_left)
         if paths == what.paths:
             break
         what = dataclasses.replace(what, paths=paths, contacts=contacts_left)
