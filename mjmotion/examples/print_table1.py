@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from mjmotion.examples.paper import PAPER, Column
 from mjmotion.examples.table1 import Measured, Table1
@@ -92,16 +92,42 @@ def way_lines(found: Table1) -> list[str]:
 
 
 def markdown(found: Table1) -> str:
-    """Return the paper's table as Markdown: a row of ours and one of the paper's for each job."""
-    knots = next(iter(PAPER.values())).frames_per_knot
-    head = ["job", "", "parameters", "frames", "constraints", "first guess"]
-    head += [f"{knot:g} frames a knot" for knot in knots] + ["exact pass"]
-    rows = [_cells(head), _cells(["---"] * len(head))]
-    for name, ours in found.columns.items():
-        exact = f"{_small(ours.exact_error_percent)} %, {_ms(ours.fit_seconds)} ms in all"
-        rows.append(_cells([ours.column.name, OURS, *_figures(ours.column, len(knots)), exact]))
-        rows.append(_cells(["", "1999", *_figures(PAPER[name], len(knots)), "–"]))
-    return "\n".join(rows)
+    """Return the paper's table as Markdown: a column a job, in each cell ours / the paper's."""
+    columns = list(found.columns.values())
+    pairs = [(ours.column, PAPER[name]) for name, ours in found.columns.items()]
+    rows = [
+        ["", *(ours.name for ours, _ in pairs)],
+        ["---"] * (1 + len(pairs)),
+        ["parameters (reduced)", *(_both(*map(_parameters, pair)) for pair in pairs)],
+        ["frames", *(_both(*(str(one.nframe) for one in pair)) for pair in pairs)],
+        ["constraints", *(_both(*(f"{one.nscalar:,}" for one in pair)) for pair in pairs)],
+        ["first guess [ms]", *(_beside(pair, "preprocessing_seconds", None) for pair in pairs)],
+    ]
+    for level, knots in enumerate(pairs[0][1].frames_per_knot):
+        for label, field in (("error [%]", "max_error_percent"), ("time [ms]", "seconds")):
+            cells = [_beside(pair, field, level) for pair in pairs]
+            rows.append([f"{knots:g} frames a knot: {label}", *cells])
+    rows += [
+        ["exact pass: error [%]", *(_small(ours.exact_error_percent) for ours in columns)],
+        ["whole fit [ms]", *(_ms(ours.fit_seconds) for ours in columns)],
+    ]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def _both(ours: str, theirs: str) -> str:
+    return ours if ours == theirs else f"{ours} / {theirs}"
+
+
+def _beside(pair: tuple[Column, Column], field: str, level: int | None) -> str:
+    """Return ours / the paper's of one field, at one level where it has several."""
+    values = []
+    for column in pair:
+        value = getattr(column, field)
+        if level is not None:
+            value = value[level] if level < len(value) else None
+        percent = field == "max_error_percent" and value is not None
+        values.append(f"{value:.2f}" if percent else _ms(value))
+    return " / ".join(values)
 
 
 def put_between(page: str, content: str, begin: str = BEGIN, end: str = END) -> str:
@@ -115,26 +141,6 @@ def put_between(page: str, content: str, begin: str = BEGIN, end: str = END) -> 
     if not (found and closed):
         raise OutputError(f"the page has no place for the table: write {begin}{end} into it")
     return f"{before}{begin}\n{content}\n{end}{after}"
-
-
-def _figures(column: Column, nlevel: int) -> list[str]:
-    guess = column.preprocessing_seconds
-    levels = [
-        f"{error:.2f} %, {_ms(seconds)} ms"
-        for error, seconds in zip(column.max_error_percent, column.seconds, strict=True)
-    ]
-    return [
-        _parameters(column),
-        str(column.nframe),
-        f"{column.nscalar:,}",
-        "–" if guess is None else f"{_ms(guess)} ms",
-        *levels,
-        *["–"] * (nlevel - len(levels)),
-    ]
-
-
-def _cells(values: Sequence[str]) -> str:
-    return f"| {' | '.join(values)} |"
 
 
 def _parameters(column: Column) -> str:

@@ -136,7 +136,7 @@ class Table1:
         """Return the tables that :meth:`as_dict` made the data of."""
         columns = {}
         for name, entry in data["table1"].items():
-            lists = {
+            lists: dict[str, Any] = {
                 key: tuple(v) if isinstance(v, list) else v for key, v in entry["column"].items()
             }
             known = {field.name: entry[field.name] for field in dataclasses.fields(Measured)}
