@@ -11,6 +11,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +21,7 @@ from mjmotion.exceptions import ClipError, ModelError
 from mjmotion.footholds import find_feet
 from mjmotion.motion import Motion
 from mjmotion.planning import plan
-from mjmotion.scene import compose, load_scene
+from mjmotion.scene import load_scene, with_ground
 from mjmotion.transition.blend import blend, placed
 from mjmotion.transition.overlap import (
     Overlap,
@@ -81,7 +82,7 @@ def blend_clips(
       ContactError: contacts that do not fit their clip, or a clip without any.
     """
     if len(clips) < 2:
-        raise ClipError(f"{len(clips)} clips cannot be joined: give two at least")
+        raise ClipError(f"{len(clips)} clip cannot be joined: give two at least")
     ready = _at_one_rate(clips, contacts or [None] * len(clips))
     places = list(overlaps) if overlaps is not None else [None] * (len(clips) - 1)
     if len(places) != len(clips) - 1:
@@ -150,6 +151,7 @@ def _at_one_rate(clips: Sequence[Motion], contacts: Sequence[Contacts]) -> list[
     if len(contacts) != len(clips):
         raise ClipError(f"contacts of {len(contacts)} clips for {len(clips)}: give one a clip")
     for number, (clip, given) in enumerate(zip(clips, contacts, strict=True), start=1):
+        _check_level(clip, number)
         try:
             clip = clip.on(clips[0].model)
         except ModelError as error:
@@ -168,6 +170,16 @@ def _at_one_rate(clips: Sequence[Motion], contacts: Sequence[Contacts]) -> list[
         ready.append((motion.replace(placed(motion.qpos, motion.qpos[0], start)), found))
     find_feet(clips[0].model)
     return ready
+
+
+def _check_level(clip: Motion, number: int) -> None:
+    """Raise ClipError where a clip comes with ground that is not one level plane."""
+    model = clip.model
+    still = (model.body_weldid[model.geom_bodyid] == 0) & (model.geom_contype != 0)
+    if (still & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)).any():
+        raise ClipError(
+            f"clip {number} is on ground that is not level: join clips first and adapt them then"
+        )
 
 
 def join(
@@ -240,9 +252,9 @@ def keep_contacts(
     """
     if progress is not None:
         progress("footholds")
-    scene = load_scene("flat")
+    what = plan(joined.motion, load_scene("flat"), joined.contacts)
     return carry_out(
-        *(plan(joined.motion, scene, joined.contacts), compose(character, scene), character),
+        *(what, with_ground(character), character),
         levels=levels,
         tolerance=tolerance,
         ik=ik,
