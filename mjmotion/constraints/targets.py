@@ -112,6 +112,14 @@ class Targets:
         return np.asarray(sum(weights, np.zeros(len(self.frames))) > 0.0)
 
     @property
+    def turning(self) -> bool:
+        """Whether anything is to turn, or to face a point, without a position that says how far."""
+        return bool(self.gazes) or any(
+            ((one.turn_weight > 0.0) & (one.position_weight == 0.0)).any()
+            for one in (self, *self.links)
+        )
+
+    @property
     def held(self) -> NDArray[np.bool_]:
         """Which frames (n,) hold anything."""
         weight = np.maximum(self.position_weight, self.turn_weight)
@@ -158,7 +166,11 @@ def lay_out(constraints: Sequence[Constraint], model: mujoco.MjModel, nframe: in
             _add_link(links, constraint, model, rows, len(frames))
             continue
         if isinstance(constraint, LookAt):
-            gazes.append(_gaze(constraint, model, rows, len(frames)))
+            gaze = _gaze(constraint, model, rows, len(frames))
+            for before in gazes:
+                if before.site == gaze.site and np.allclose(before.axis, gaze.axis):
+                    before.weight[rows] = 0.0
+            gazes.append(gaze)
             continue
         column = sites.index(site_id(model, constraint.site))
         if constraint.position is not None:

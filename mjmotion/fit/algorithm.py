@@ -89,7 +89,8 @@ def fit(
       motion: the motion to change; it is not touched.
       constraints: what must hold; see :mod:`mjmotion.constraints`.
       levels: frames a knot, coarse to fine; :func:`default_levels` without.
-      tolerance: refinement stops once no position is off by more [m].
+      tolerance: refinement stops once no position is off by more [m]; where a turn or a gaze is
+        asked for without a position, it does not stop before the last level.
       ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
       weights: (nv,) rigidity α of Eq. 4.
       clearance: what to keep clear of.
@@ -143,7 +144,7 @@ def fit(
         frames, displacement, last_error = _solve_level(
             solver, poses, targets, clearance, deviation
         )
-        if traced and last_error <= tolerance:
+        if traced and last_error <= tolerance and not targets.turning:
             break
         if len(frames):
             if clearance is None:
@@ -314,11 +315,10 @@ def contact_shift(
     return fit_multilevel(targets.frames[has], mean, motion.nframe, spacings)
 
 
-def _has_edges(targets: Targets, motion: Motion) -> bool:
-    return not (
-        len(targets.frames) == motion.nframe
-        and (targets.position_weight > 0).all(axis=0).sum() == len(targets.sites)
-    )
+def _held_columns(targets: Targets) -> NDArray[np.bool_]:
+    """Return (n, s + links + gazes) what holds a place, or a gaze, at each constrained frame."""
+    columns = [targets.position_weight, *(x.position_weight[:, None] for x in targets.links)]
+    return np.concatenate((*columns, *(x.weight[:, None] for x in targets.gazes)), axis=1) > 0.0
 
 
 def _left_to_do(
@@ -330,8 +330,9 @@ def _left_to_do(
 ) -> float:
     """How far the exact pass would jump beside free frames, or a body is still too near [m]."""
     left = 0.0
-    if _has_edges(targets, motion):
-        edge = _edge_residual(motion, qpos, targets, bones)
+    held = _held_columns(targets)
+    if len(held) < motion.nframe or not held.all():
+        edge = _edge_residual(motion, qpos, targets, held, bones)
         left = edge if edge > EDGE_RESIDUAL else 0.0
     if clearance is not None:
         distance = clearance(qpos, np.arange(motion.nframe)).distance
@@ -339,11 +340,19 @@ def _left_to_do(
     return left
 
 
-def _edge_residual(motion: Motion, qpos: Array, targets: Targets, bones: Bones | None) -> float:
-    """Largest position error in frames next to one where that site is free [m]."""
-    held = np.zeros((motion.nframe + 2, len(targets.sites)), dtype=bool)
-    held[targets.frames + 1] = targets.position_weight > 0
+def _edge_residual(
+    motion: Motion,
+    qpos: Array,
+    targets: Targets,
+    columns: NDArray[np.bool_],
+    bones: Bones | None,
+) -> float:
+    """Largest error in frames next to one where what is held there is free [m]."""
+    held = np.zeros((motion.nframe + 2, columns.shape[1]), dtype=bool)
+    held[targets.frames + 1] = columns
     held[0], held[-1] = held[1], held[-2]
     edge = held[1:-1] & ~(held[:-2] & held[2:])
-    gap = residuals(motion.replace(qpos), targets, bones)
+    moved = motion.replace(qpos)
+    others = [error[:, None] for _, error in other_residuals(moved, targets, bones)]
+    gap = np.concatenate((residuals(moved, targets, bones), *others), axis=1)
     return float((gap * edge[targets.frames]).max(initial=0.0))

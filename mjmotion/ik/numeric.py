@@ -32,7 +32,7 @@ from mjmotion.ik.solver import (
     position_error,
 )
 from mjmotion.kinematics import Kinematics, Pose, body_dofs
-from mjmotion.rotations import cross, from_matrix, log, to_matrix
+from mjmotion.rotations import between, cross, from_matrix, log, to_matrix
 from mjmotion.shared import Sensitivity
 from mjmotion.tangent import ominus, oplus
 
@@ -264,10 +264,7 @@ class NumericIK:
         length = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-6)
         line = away / length
         jacp, jacr = pose.jacobian(origin, int(self.model.site_bodyid[gaze.site]), dofs)
-        turn = cross(axis, line)
-        sine = np.linalg.norm(turn, axis=1, keepdims=True)
-        angle = np.arctan2(sine, np.einsum("ni,ni->n", axis, line)[:, None])
-        error = turn * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)
+        error = log(between(axis, line))
         # A turn takes the axis along; a move v of the site turns the line by -line x v / length.
         swing = cross(line[:, None, :], np.swapaxes(jacp, 1, 2)) / length[:, None]
         across = np.eye(3) - axis[:, :, None] * axis[:, None, :]
