@@ -10,14 +10,9 @@ The pieces are there on their own, for motions whose constraints are given:
     fitted = fit(guess, constraints, first_guess=shift)
 """
 
-from mjmotion.retarget.copying import carry_root, copy_joints, mid_hips
-from mjmotion.retarget.moving import (
-    STRIDES,
-    held_shift,
-    hold_constraints,
-    plan_retarget,
-    retarget,
-)
+from mjmotion.retarget.copying import carry_root, copy_joints, leg_ratio, mid_hips
+from mjmotion.retarget.holding import check_span, held_shift, hold_constraints
+from mjmotion.retarget.moving import STRIDES, plan_retarget, retarget
 from mjmotion.retarget.strides import Placed, Strides
 
 __all__ = [
@@ -25,9 +20,11 @@ __all__ = [
     "Placed",
     "Strides",
     "carry_root",
+    "check_span",
     "copy_joints",
     "held_shift",
     "hold_constraints",
+    "leg_ratio",
     "mid_hips",
     "plan_retarget",
     "retarget",

@@ -7,7 +7,6 @@ apart as the other legs are long; hands keep what they hold. Then the same fit a
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -18,20 +17,19 @@ from numpy.typing import NDArray
 from mjmotion.adapt import Adaptation, carry_out
 from mjmotion.ankles import give
 from mjmotion.clearance import find_obstacles
-from mjmotion.constraints import Constraint, SiteConstraint, lay_out
+from mjmotion.constraints import Constraint, SiteConstraint
 from mjmotion.contacts import Contact, check_contacts, contact_sites, detect_contacts
 from mjmotion.exceptions import ContactError, FitError, unknown_name
-from mjmotion.fit import contact_shift, default_levels
 from mjmotion.footholds import find_feet
 from mjmotion.footpaths import FootPath
 from mjmotion.ik.solver import default_weights
-from mjmotion.kinematics import Kinematics, character_geoms, site_id
+from mjmotion.kinematics import Kinematics, character_geoms
 from mjmotion.motion import Motion
 from mjmotion.planning import Plan, drop, mean_shift, place, shifted
 from mjmotion.retarget.copying import carry_root, copy_joints, leg_ratio
+from mjmotion.retarget.holding import check_span, held_shift, hold_constraints
 from mjmotion.retarget.reaching import reach_of, roll_on
 from mjmotion.retarget.strides import Strides
-from mjmotion.rotations import from_matrix
 from mjmotion.scene import Scene, compose, load_character, load_scene
 from mjmotion.scene.ground import Ground
 
@@ -128,6 +126,7 @@ def plan_retarget(
         if contacts is None
         else check_contacts(contacts, motion.model, motion.nframe)
     )
+    guess = copy_joints(motion, model)
     found = check_contacts(found, model, motion.nframe)
     if not found and not constraints:
         raise ContactError(
@@ -137,7 +136,7 @@ def plan_retarget(
     soles = set(contact_sites(model))
     standing = [contact for contact in found if contact.site in soles]
     held = hold_constraints(motion, [contact for contact in found if contact.site not in soles])
-    guess = copy_joints(motion, model)
+    check_span(model, held)
     about = motion.qpos[0, :3] * (1.0, 1.0, 0.0)
     scale = 1.0
     if stride == "scale":
@@ -176,56 +175,4 @@ def _planned_root(model: mujoco.MjModel) -> Array:
     return weights
 
 
-def hold_constraints(motion: Motion, holds: Sequence[Contact]) -> tuple[SiteConstraint, ...]:
-    """Return constraints that hold sites where a motion has them, and turned as it has them.
-
-    A site keeps the mean place of its hold: what drifts in the motion does not on the other body.
-
-    Args:
-      motion: the motion that holds, on its own character.
-      holds: which sites hold when, such as ``Contact("left_hand", 12, 60)``.
-
-    Raises:
-      ModelError: an unknown site.
-    """
-    if not holds:
-        return ()
-    pose = Kinematics(motion.model, motion.nframe).forward(motion.qpos)
-    constraints = []
-    for hold in holds:
-        site = site_id(motion.model, hold.site)
-        frames = np.arange(hold.start, hold.end)
-        constraints.append(
-            SiteConstraint(
-                hold.site,
-                frames,
-                pose.site_xpos[frames, site].mean(axis=0),
-                from_matrix(pose.site_xmat[frames, site]),
-                contact=True,
-            )
-        )
-    return tuple(constraints)
-
-
-def held_shift(guess: Motion, constraints: Sequence[Constraint]) -> Array:
-    """Return the first guess of §4.5 (nframe, 3) [m] for a body that only holds, as on a rope.
-
-    On the other body with its joint angles copied, the mean way from where held sites are to where
-    they are to be holds both what its limbs are longer and what the contacts moved.
-
-    Args:
-      guess: joint angles copied on the other body.
-      constraints: what holds; those with ``contact=True`` count, all where none has it.
-    """
-    places = [one for one in constraints if isinstance(one, SiteConstraint)]
-    places = [one for one in places if one.position is not None]
-    chosen = [one for one in places if one.contact] or places
-    if not chosen:
-        return np.zeros((guess.nframe, 3))
-    targets = lay_out(
-        [dataclasses.replace(one, contact=True) for one in chosen], guess.model, guess.nframe
-    )
-    return contact_shift(guess, targets, default_levels(guess.fps)[:-1])
-
-
-__all__ = ["STRIDES", "held_shift", "hold_constraints", "plan_retarget", "retarget"]
+__all__ = ["STRIDES", "plan_retarget", "retarget"]
