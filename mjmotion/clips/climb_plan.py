@@ -38,7 +38,7 @@ HELD: dict[str, tuple[tuple[int, int], ...]] = {
 _FIRST = {"left_hand": 2.09, "right_hand": 2.20, "left_foot": 0.765, "right_foot": 0.765}  # [m]
 # Hands draw the rope a little to their own side, feet press it a little forward [m].
 _BESIDE = {"left_hand": 0.005, "right_hand": -0.005, "left_foot": 0.0, "right_foot": 0.0}
-_BEFORE = {"left_hand": 0.0, "right_hand": 0.0, "left_foot": 0.04, "right_foot": 0.04}
+_BEFORE = {"left_hand": 0.0, "right_hand": 0.0, "left_foot": 0.06, "right_foot": 0.06}
 # Feet in the hang: forward, to their side and down from where they clamp the rope [m], and how far
 # they turn from there: outward, toes down, toes out [rad].
 _DANGLING = (-0.16, 0.085, 0.40)

@@ -18,6 +18,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add_folder(parser)
     parser.add_argument("--beam", type=positive, help="height that the rope hangs from [m]: 4.3")
     parser.add_argument("--length", type=positive, help="of the rope [m]; to 0.3 m over the floor")
+    parser.add_argument("--edge", type=positive, help="between two points of the rope [m]: 0.05")
     parser.add_argument("--levels", type=levels, help="frames a knot per level: 16,8,4,2")
     parser.add_argument("--ik", choices=("hybrid", "numeric"), default="hybrid", help="IK solver")
 
@@ -29,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.results import check_output, result_folder
     from mjmotion.rope.climb import ORIGINAL, climb_rope
     from mjmotion.rope.folder import write_climb
-    from mjmotion.scene.rope import BEAM
+    from mjmotion.scene.rope import BEAM, EDGE
 
     check_output(args.out, args.force)
     if not args.no_video and (problem := no_rendering()):
@@ -39,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
             args.to,
             beam=BEAM if args.beam is None else args.beam,
             length=args.length,
+            edge=EDGE if args.edge is None else args.edge,
             levels=args.levels,
             ik=args.ik,
             progress=bar.stage,

@@ -34,7 +34,7 @@ from mjmotion.rope.points import rope_points
 from mjmotion.rope.reach import check_reach
 from mjmotion.rope.simulate import simulate
 from mjmotion.scene import Scene, compose, rope
-from mjmotion.scene.rope import BEAM
+from mjmotion.scene.rope import BEAM, EDGE
 from mjmotion.validation.figures import joint_jerk_ratio
 
 Array = NDArray[np.float64]
@@ -94,6 +94,7 @@ def climb_rope(
     *,
     beam: float = BEAM,
     length: float | None = None,
+    edge: float = EDGE,
     levels: Sequence[float] | None = None,
     ik: str = "hybrid",
     progress: Callable[[str], None] | None = None,
@@ -104,6 +105,7 @@ def climb_rope(
       character: MJCF file, or name of one of our models.
       beam: height that the rope hangs from [m].
       length: of the rope [m]; down to 0.3 m over the floor without.
+      edge: distance of the points that the rope is made of [m], about.
       levels: frames a knot, coarse to fine.
       ik: ``"hybrid"`` or ``"numeric"``.
       progress: called with what is being done.
@@ -118,7 +120,7 @@ def climb_rope(
     file = find_asset("model", character)
     tell("hanging up the ropes")
     length = beam - _END if length is None else length
-    scene = Scene.from_spec(rope(beam=beam, length=length), "rope")
+    scene = Scene.from_spec(rope(beam=beam, length=length, edge=edge), "rope")
     holds, contacts = plan_holds(), climb_contacts()
     specs = [compose(which, scene) for which in (ORIGINAL, file)]
     models = [spec.compile() for spec in specs]

@@ -23,7 +23,7 @@ RADIUS = 0.018  # of a gymnasium's rope [m]
 BEAM = 4.3  # height that it hangs from [m]
 LENGTH = 4.0  # [m]
 
-_EDGE = 0.05  # between two points [m]
+EDGE = 0.05  # between two of its points [m]
 _DENSITY = 800.0  # of hemp with air in it [kg/m³]
 _BENDING = 0.05  # torque over curvature [N m²]
 _BENDING_DAMPING = 0.02  # [s]
@@ -33,11 +33,11 @@ _STEP = 0.002  # [s]
 _EDGE_STIFF = (-3e5, -300.0)  # solref of the edges' equality: 1 N/kg stretches an edge by 3 µm
 _EDGE_IMPEDANCE = (0.99, 0.999, 0.001, 0.5, 2.0)
 _THICK = 0.1  # of the beam and its posts [m]
-_SPAN = 2.2  # from the rope to either post [m]
+_SPAN = 3.0  # from the rope to either post [m]
 
 
 def rope(
-    *, beam: float = BEAM, length: float = LENGTH, radius: float = RADIUS, edge: float = _EDGE
+    *, beam: float = BEAM, length: float = LENGTH, radius: float = RADIUS, edge: float = EDGE
 ) -> mujoco.MjSpec:
     """Return a rope that hangs from a beam over a level floor, at x = y = 0.
 

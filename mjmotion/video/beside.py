@@ -30,7 +30,7 @@ from mjmotion.video.writer import VideoWriter
 
 Array = NDArray[np.float64]
 
-_FILL = 0.72  # of the picture's height that the figures take
+_FILL = 0.78  # of the picture's height that the figures take
 _BEARING = np.radians(-62.0)  # of the camera, from its right and a little from ahead
 _ELEVATION = np.radians(6.0)
 _SIGMA = 0.5  # of the camera's path [s]
