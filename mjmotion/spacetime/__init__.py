@@ -6,6 +6,6 @@ found.motion, found.objective, found.max_error, found.seconds
 
 from __future__ import annotations
 
-from mjmotion.spacetime.solve import Spacetime, objective, solve_spacetime
+from mjmotion.spacetime.solve import TOLERANCE, Spacetime, objective, solve_spacetime
 
-__all__ = ["Spacetime", "objective", "solve_spacetime"]
+__all__ = ["TOLERANCE", "Spacetime", "objective", "solve_spacetime"]

@@ -5,7 +5,8 @@
 
 All frames are solved at once: the control points of one displacement spline and the shared moves,
 by SciPy's sparse least squares (trust region, LSMR, columns scaled by their own size) with exact
-derivatives, constraints as residuals whose weights rise from round to round.
+derivatives, constraints as residuals whose weights rise from round to round. It is tuned to be
+quick: unscaled, or solved more exactly inside each step, it takes twice the time or more.
 
 Whether constraints can be met depends on the knots. With one a frame they all can, and the rounds
 go on until they are. With two frames a knot there are more constraints than unknowns where every
@@ -32,6 +33,7 @@ from mjmotion.fit.algorithm import contact_shift
 from mjmotion.fit.exact import ExactPass
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.solver import default_weights
+from mjmotion.kinematics import character_height
 from mjmotion.motion import Motion
 from mjmotion.shared import SharedMove, free_moves
 from mjmotion.spacetime.problem import Problem, State
@@ -41,11 +43,12 @@ Array = NDArray[np.float64]
 
 SPACING = 2.0  # frames a knot: those of the fit's finest level
 MET = (1e3, 1e6)  # ω of each round where all constraints can be met [1/m² or 1/rad²]
-SHARED_OUT = (1e3,)  # the same where they are more than the unknowns
+TOO_MANY = (1e3,)  # the same where they are more than the unknowns
 TOLERANCE = 1e-3  # a round ends when a step lowers the sum of squares by a smaller share
 _NEGLIGIBLE = 1e-8  # share of the unknowns' length below which a step ends a round
 _MOST = 200  # steps a round
-_EXACT = 1e-4  # error from which the exact pass is worth its while [m]
+_EXACT = 1e-4  # error from which the exact pass is worth its while, as a share of height
+_INNER = 0.1  # tolerance of the linear solves, in that of a round: less hurries nothing
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -114,7 +117,7 @@ def solve_spacetime(
     """
     began = time.perf_counter()
     alpha = default_weights(motion.model) if weights is None else np.asarray(weights, np.float64)
-    _check(motion, constraints, alpha, spacing, penalties)
+    _check(motion, constraints, alpha, spacing, penalties, tolerance)
     targets = lay_out(constraints, motion.model, motion.nframe)
     guess = np.array(motion.qpos)
     if isinstance(first_guess, np.ndarray):
@@ -125,11 +128,11 @@ def solve_spacetime(
     problem = Problem(motion.model, guess, targets, moves, alpha, spacing, bones)
     if penalties is None:
         held = sum(constraint.nscalar for constraint in constraints)
-        penalties = MET if held <= problem.nunknown else SHARED_OUT
+        penalties = MET if held <= problem.nunknown else TOO_MANY
     state, iterations, converged = _minimise(problem, penalties, tolerance)
     found = motion.replace(state.qpos)
     left = float(residuals(found, state.targets, bones).max(initial=0.0))
-    if exact and left > _EXACT:
+    if exact and left > _EXACT * character_height(motion.model):
         solver = HybridIK(motion.model, alpha, bones=bones)
         coarsest = default_levels(motion.fps)[0]
         qpos, _ = ExactPass(motion, solver, state.targets, coarsest, bones)(state.qpos)
@@ -181,6 +184,7 @@ def _check(
     alpha: Array,
     spacing: float,
     penalties: Sequence[float] | None,
+    tolerance: float,
 ) -> None:
     if alpha.shape != (motion.model.nv,) or not (alpha > 0).all():
         raise FitError(f"weights must be {motion.model.nv} positive numbers, one a dof")
@@ -188,6 +192,8 @@ def _check(
         raise FitError(f"spacing {spacing} must be a positive number of frames a knot")
     if penalties is not None and not (len(penalties) and min(penalties) > 0.0):
         raise FitError(f"penalties {list(penalties)} must be positive numbers, at least one")
+    if not tolerance > 0.0:
+        raise FitError(f"tolerance {tolerance} must be positive")
     if not constraints:
         raise FitError("no constraints: there is nothing for the optimisation to meet")
     for constraint in constraints:
@@ -218,6 +224,7 @@ def _minimise(
             jac=lambda x, at=point, ω=omega: problem.jacobian(at(x), ω),
             method="trf",
             tr_solver="lsmr",
+            tr_options={"atol": _INNER * tolerance, "btol": _INNER * tolerance},
             x_scale="jac",
             ftol=tolerance,
             xtol=_NEGLIGIBLE,
