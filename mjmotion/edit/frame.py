@@ -255,13 +255,16 @@ class _Edit:
         if far and dragged <= ends:
             return
         fixed[self.span.frame] = not dragged <= ends
+        frames = targets.frames
+        own = solver.enforce(self.source.qpos[frames], targets).rise
         for _ in range(_REACH_ROUNDS):
-            rise = solver.enforce(qpos[targets.frames], targets).rise
-            if rise is None or not rise.any():
+            rise = solver.enforce(qpos[frames], targets).rise
+            if own is None or rise is None or not rise.any():
                 return
             for sign in (1.0, -1.0):
                 need = np.zeros(len(qpos))
-                need[targets.frames] = np.maximum(sign * rise, 0.0)
+                # Legs that were straight already are the source's own.
+                need[frames] = np.maximum(sign * rise, 0.0) - np.maximum(sign * own, 0.0)
                 need[fixed] = 0.0
                 if need.any():
                     give = sign * envelope(need, fixed, REACH_TIME * self.source.fps)

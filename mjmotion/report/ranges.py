@@ -70,7 +70,7 @@ def write_ranges(path: str | Path, edits: Mapping[int, Adaptation], frame: int) 
             _draw(axes, spans[spacing], 100.0 * deformation(edited))
         rows[0].set_xlim(low, high)
         rows[0].set_ylim(bottom=0.0)
-        rows[0].legend(fontsize=9, ncols=3, loc="upper right")
+        rows[0].legend(fontsize=9, loc="upper left")
         rows[-1].set_xlabel("frame")
         figure.supylabel("largest move of a body [cm]", fontsize=10.5)
         try:
