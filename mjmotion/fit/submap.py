@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.constraints import Targets
+from mjmotion.coupling import coupling
 from mjmotion.kinematics import body_dofs
 from mjmotion.spline import Curve, fit_level
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 def fit_submap(
@@ -39,13 +41,8 @@ def fit_submap(
       passes: times that Eq. 2 is applied.
       curve: how a level is fitted, if not so.
     """
-    moves = np.zeros((len(targets.sites) + 1, model.nv), dtype=bool)
-    for row, site in zip(moves, targets.sites, strict=False):
-        row[:] = body_dofs(model, int(model.site_bodyid[site]))
-    moves[-1] = True  # what is held to another site, or looks at something, may ask any joint
-    held = np.maximum(targets.position_weight, targets.turn_weight) > 0.0
-    held = np.column_stack((held, targets.other))
-    if held[:, :-1].all():
+    moves, held = _columns(model, targets)
+    if held.all():
         frames = targets.frames
         return curve(frames, displacement, nframe, spacing, passes=passes)
     submap = np.zeros((nframe, model.nv))
@@ -57,3 +54,22 @@ def fit_submap(
             data = displacement[np.ix_(np.flatnonzero(rows), columns)]
             submap[:, columns] = curve(targets.frames[rows], data, nframe, spacing, passes=passes)
     return submap
+
+
+def _columns(model: mujoco.MjModel, targets: Targets) -> tuple[Mask, Mask]:
+    """Return which degrees of freedom (k, nv) serve each thing that is held, and when (n, k)."""
+    serve = [body_dofs(model, int(model.site_bodyid[site])) for site in targets.sites]
+    weight = [*np.maximum(targets.position_weight, targets.turn_weight).T]
+    for link in targets.links:
+        bodies = (int(model.site_bodyid[site]) for site in (link.site, link.to))
+        serve.append(np.logical_or(*(body_dofs(model, body) for body in bodies)))
+        weight.append(np.maximum(link.position_weight, link.turn_weight))
+    for gaze in targets.gazes:
+        serve.append(body_dofs(model, int(model.site_bodyid[gaze.site])))
+        weight.append(gaze.weight)
+    moves = np.array(serve).reshape(-1, model.nv)
+    tied = coupling(model)
+    for leader, follower in zip(tied.leader, tied.follower, strict=True):
+        moves[:, leader] |= moves[:, follower]
+    moves[:, tied.follower] = moves[:, tied.leader]
+    return moves, np.array(weight).T > 0.0

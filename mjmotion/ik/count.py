@@ -24,9 +24,14 @@ def parameters(model: mujoco.MjModel, sites: Sequence[str]) -> tuple[int, int]:
     bodies = {int(model.site_bodyid[site_id(model, site)]) for site in sites}
     limbs = [limb for limb in find_limbs(model) if limb.end in bodies]
     others = bodies - {limb.end for limb in limbs}
-    leads = np.ones(model.nv, dtype=bool)
-    leads[coupling(model).follower] = False
-    whole = np.any([body_dofs(model, body) for body in bodies], axis=0)
     carrying = {limb.base for limb in limbs} | others
-    base = np.any([body_dofs(model, body) for body in carrying], axis=0)
-    return int((whole & leads).sum()), int((base & leads).sum()) + len(limbs)
+    return _leading(model, bodies), _leading(model, carrying) + len(limbs)
+
+
+def _leading(model: mujoco.MjModel, bodies: set[int]) -> int:
+    """Return how many degrees of freedom move any of some bodies, followers not counted."""
+    moves = np.any([body_dofs(model, body) for body in bodies], axis=0)
+    tied = coupling(model)
+    moves[tied.leader[moves[tied.follower]]] = True
+    moves[tied.follower] = False
+    return int(moves.sum())

@@ -187,6 +187,7 @@ class NumericIK:
         sites = [*targets.sites, *(site for link in targets.links for site in (link.site, link.to))]
         for site in [*sites, *(gaze.site for gaze in targets.gazes)]:
             moves |= body_dofs(self.model, int(self.model.site_bodyid[site]))
+        moves[self._coupling.leader[moves[self._coupling.follower]]] = True
         return np.flatnonzero(moves)
 
     def _equalities(
