@@ -9,9 +9,9 @@ derivatives, constraints as residuals whose weights rise from round to round. It
 quick: unscaled, or solved more exactly inside each step, it takes twice the time or more.
 
 Whether constraints can be met depends on the knots. With one a frame they all can, and the rounds
-go on until they are. With two frames a knot there are more constraints than unknowns where every
-frame is held: heavier weights then buy little error for much deviation and jerk, so one round of
-moderate weight is run, and the exact pass (§4.4) meets the rest, as it does for the fit.
+go on until they are. With two frames a knot there are more constraints than unknowns to meet them
+where every frame is held: heavier weights then buy little error for much deviation and jerk, so one
+round of moderate weight is run, and the exact pass (§4.4) meets the rest, as it does for the fit.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ from mjmotion.tangent import ominus
 Array = NDArray[np.float64]
 
 SPACING = 2.0  # frames a knot: those of the fit's finest level
-MET = (1e3, 1e6)  # ω of each round where all constraints can be met [1/m² or 1/rad²]
-TOO_MANY = (1e3,)  # the same where they are more than the unknowns
+MET = (1e3, 1e6)  # ω of each round where every frame has a knot of its own [1/m² or 1/rad²]
+COARSE = (1e3,)  # the same with fewer knots, which cannot meet constraints of every frame
 TOLERANCE = 1e-3  # a round ends when a step lowers the sum of squares by a smaller share
 _NEGLIGIBLE = 1e-8  # share of the unknowns' length below which a step ends a round
 _MOST = 200  # steps a round
@@ -106,7 +106,7 @@ def solve_spacetime(
         a path (nframe, 3) for the root [m].
       spacing: frames a knot of the one displacement spline.
       weights: (nv,) rigidity α of Eq. 4.
-      penalties: ω of each round, rising; chosen by whether all constraints can be met, without.
+      penalties: ω of each round, rising; without, chosen by whether every frame has its own knot.
       tolerance: a round ends when a step lowers the sum of squares by a smaller share.
       exact: meet at the end what is left (§4.4).
       bones: a body for each frame, where it changes.
@@ -127,8 +127,7 @@ def solve_spacetime(
     moves = [*shared, *free_moves(constraints)]
     problem = Problem(motion.model, guess, targets, moves, alpha, spacing, bones)
     if penalties is None:
-        held = sum(constraint.nscalar for constraint in constraints)
-        penalties = MET if held <= problem.nunknown else TOO_MANY
+        penalties = MET if spacing <= 1.0 else COARSE
     state, iterations, converged = _minimise(problem, penalties, tolerance)
     found = motion.replace(state.qpos)
     left = float(residuals(found, state.targets, bones).max(initial=0.0))
