@@ -61,7 +61,8 @@ def held_shift(guess: Motion, constraints: Sequence[Constraint]) -> Array:
     """Return the first guess of §4.5 (nframe, 3) [m] for a body that only holds, as on a rope.
 
     On the other body with its joint angles copied, the mean way from where held sites are to where
-    they are to be holds both what its limbs are longer and what the contacts moved.
+    they are to be holds both what its limbs are longer and what the contacts moved. It jumps where
+    a hand or foot lets go, so only the coarsest knots are for the root to follow.
 
     Args:
       guess: joint angles copied on the other body.
@@ -75,7 +76,7 @@ def held_shift(guess: Motion, constraints: Sequence[Constraint]) -> Array:
     targets = lay_out(
         [dataclasses.replace(one, contact=True) for one in chosen], guess.model, guess.nframe
     )
-    return contact_shift(guess, targets, default_levels(guess.fps)[:-1])
+    return contact_shift(guess, targets, default_levels(guess.fps)[:1])
 
 
 def check_span(model: mujoco.MjModel, constraints: Sequence[Constraint]) -> None:
