@@ -15,16 +15,16 @@ from mjmotion.cli import main
 from mjmotion.clips.climb import climb_contacts, make_climb
 from mjmotion.clips.climb_grip import FEET, find_grips
 from mjmotion.clips.climb_plan import Hold
-from mjmotion.constraints import SiteConstraint, load_constraints
+from mjmotion.constraints import load_constraints
 from mjmotion.examples.rope import make_job
 from mjmotion.exceptions import ConstraintError, ModelError, RenderError, SceneError
 from mjmotion.motion import Motion
 from mjmotion.results import read_results
 from mjmotion.rope import RopeClimb, RopePoints, climb_rope, measure, rope_points
+from mjmotion.rope.climb import plan_climb
 from mjmotion.rope.folder import marks
 from mjmotion.rope.grasps import places_along
 from mjmotion.rope.points import nearest_on_rope
-from mjmotion.rope.reach import check_reach, span
 from mjmotion.scene import Scene, compose, load_scene, rope, save_model
 
 # ---------------------------------------------------------------- the scene
@@ -151,21 +151,10 @@ def test_a_rope_out_of_reach() -> None:
         places_along([hold("left_foot", 0, 9, 0.5)], anchor, 2.0)
 
 
-def test_a_character_spans_what_its_bones_are_long() -> None:
-    model = humanoid()
-    arm = 0.3255 + 0.2555 + 0.085
-    assert span(model, "left_hand", "right_hand") == pytest.approx(2 * arm + 0.36)
-    straight = Motion(model, model.qpos0[None], 30.0)
-    assert span(model, "pelvis", "pelvis") == 0.0
-    leg = 0.4288 + 0.4305 + 0.0682
-    assert span(model, "left_foot", "right_foot") == pytest.approx(2 * leg + 0.18)
-    apart = SiteConstraint("left_foot", [0], (0.0, 0.0, 0.0))
-    near = SiteConstraint("right_foot", [0, 1], (0.0, 0.0, 2 * leg + 0.17))
-    check_reach(straight.model, [apart, near])
-    far = SiteConstraint("right_foot", [0, 1], (0.0, 0.0, 2 * leg + 0.19))
-    with pytest.raises(ConstraintError, match="out of reach") as caught:
-        check_reach(model, [apart, far])
-    assert caught.value.frames == (0,)
+def test_a_body_too_small_is_said_with_frames() -> None:
+    with pytest.raises(ConstraintError, match="the rope is out of reach") as caught:
+        plan_climb("child")
+    assert set(caught.value.frames) < set(range(275)) and caught.value.frames
 
 
 # ---------------------------------------------------------------- the simulation

@@ -6,27 +6,21 @@ the humanoid's did (Figure 5c).
 
 from __future__ import annotations
 
-import mujoco
-
-from mjmotion.assets import find_asset
-from mjmotion.clips.climb import climb_constraints, climb_contacts, make_climb
+from mjmotion.clips.climb import climb_contacts
 from mjmotion.examples.job import Job
+from mjmotion.rope.climb import plan_climb
 
 CHARACTER = "climber"
 
 
 def make_job() -> Job:
     """Return the job: 275 frames, 37 parameters (13 reduced), 5,898 scalar constraints."""
-    humanoid, climber = (
-        mujoco.MjModel.from_xml_path(str(find_asset("model", name)))
-        for name in ("humanoid", CHARACTER)
-    )
-    source = make_climb(humanoid)
+    plan = plan_climb(CHARACTER)
     return Job(
         "climbing a rope",
-        source.on(climber),
-        climb_constraints(climber),
-        first_guess=True,
+        plan.guess,
+        plan.constraints,
+        first_guess=plan.shift,
         contacts=climb_contacts(),
-        source=source,
+        source=plan.original,
     )

@@ -24,14 +24,15 @@ from mjmotion.clips.climb_grip import find_grips
 from mjmotion.clips.climb_plan import Hold, plan_holds
 from mjmotion.constraints import SiteConstraint
 from mjmotion.contacts import Contact
-from mjmotion.exceptions import ModelError
+from mjmotion.exceptions import ConstraintError, ModelError
 from mjmotion.fit import Trace, Unmet, fit
 from mjmotion.kinematics import character_geoms
 from mjmotion.motion import Motion
+from mjmotion.retarget import held_shift
+from mjmotion.retarget.holding import check_span
 from mjmotion.rope.grasps import places_along
 from mjmotion.rope.measure import RopeFigures, measure
 from mjmotion.rope.points import rope_points
-from mjmotion.rope.reach import check_reach
 from mjmotion.rope.simulate import simulate
 from mjmotion.scene import Scene, compose, rope
 from mjmotion.scene.rope import BEAM, EDGE
@@ -89,6 +90,44 @@ class RopeClimb:
         return lines
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class ClimbPlan:
+    """What is fitted, and to what.
+
+    Attributes:
+      original: the humanoid's climb.
+      guess: its joint angles on the other character.
+      constraints: hands and feet where and when they held the rope: 5,898 scalars.
+      shift: (nframe, 3) of the root, the first guess (§4.5) [m].
+    """
+
+    original: Motion
+    guess: Motion
+    constraints: tuple[SiteConstraint, ...]
+    shift: Array
+
+
+def plan_climb(character: str | Path) -> ClimbPlan:
+    """Return the climb on a character, ready for the fit.
+
+    Raises:
+      ModelError: no such character, or it lacks hands and feet or the humanoid's joints.
+      ConstraintError: its hands and feet do not reach so far apart: the rope is out of reach.
+    """
+    humanoid, other = (_alone(find_asset("model", name)) for name in (ORIGINAL, character))
+    constraints = climb_constraints(other)
+    try:
+        check_span(other, constraints)
+    except ConstraintError as error:
+        raise ConstraintError(f"the rope is out of reach: {error}", error.frames) from None
+    original = make_climb(humanoid)
+    try:
+        guess = original.on(other)
+    except ModelError as error:
+        raise ModelError(f"character '{character}' cannot climb as the humanoid: {error}") from None
+    return ClimbPlan(original, guess, constraints, held_shift(guess, constraints))
+
+
 def climb_rope(
     character: str | Path = "climber",
     *,
@@ -126,17 +165,11 @@ def climb_rope(
     models = [spec.compile() for spec in specs]
     line = rope_points(models[0])
     places_along(holds, line.rest[0], line.length)  # out of reach is known before any work
-    humanoid, other = (_alone(path) for path in (find_asset("model", ORIGINAL), file))
-    constraints = climb_constraints(other)
-    check_reach(other, constraints)
     tell("climbing")
-    original = make_climb(humanoid)
-    try:
-        guess = original.on(other)
-    except ModelError as error:
-        raise ModelError(f"character '{character}' cannot climb as the humanoid: {error}") from None
+    plan = plan_climb(file)
+    original, guess, constraints = plan.original, plan.guess, plan.constraints
     tell("fitting")
-    fitted = fit(guess, constraints, levels=levels, ik=ik)
+    fitted = fit(guess, constraints, levels=levels, ik=ik, first_guess=plan.shift)
     motions = []
     for number, motion in enumerate((original, fitted.motion)):
         tell(f"simulating the rope of the {(ORIGINAL, file.stem)[number]}")
@@ -145,7 +178,7 @@ def climb_rope(
     tell("measuring")
     figures = [
         measure(spec, motion, holds, find_grips(alone))
-        for spec, motion, alone in zip(specs, motions, (humanoid, other), strict=True)
+        for spec, motion, alone in zip(specs, motions, (original.model, guess.model), strict=True)
     ]
     source = motions[0].qpos.copy()
     source[:, : guess.model.nq] = guess.qpos
