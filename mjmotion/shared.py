@@ -67,19 +67,24 @@ class SharedMove:
 
     def __post_init__(self) -> None:
         where = f"shared move of '{self.site}'"
-        frames = np.array(self.frames, dtype=np.int64).reshape(-1)
+        try:
+            frames = np.array(self.frames, dtype=np.int64).reshape(-1)
+            share = np.array(np.broadcast_to(np.asarray(self.share, np.float64), frames.shape))
+            pivot = np.array(self.pivot, dtype=np.float64).reshape(3)
+            directions = np.array(self.directions, dtype=np.float64).reshape(-1, 3)
+            axis = None if self.axis is None else np.array(self.axis, dtype=np.float64).reshape(3)
+        except (TypeError, ValueError) as error:
+            raise ConstraintError(
+                f"{where}: give frames (n,), share (n,), pivot (3,), directions (k, 3), axis (3,)"
+            ) from error
         if len(frames) == 0 or len(np.unique(frames)) != len(frames):
             raise ConstraintError(f"{where} must have frames, each once")
-        share = np.array(np.broadcast_to(np.asarray(self.share, dtype=np.float64), frames.shape))
-        pivot = np.array(self.pivot, dtype=np.float64).reshape(3)
-        directions = np.array(self.directions, dtype=np.float64).reshape(-1, 3)
-        axis = None if self.axis is None else np.array(self.axis, dtype=np.float64).reshape(3)
         lengths = np.linalg.norm(directions if axis is None else [*directions, axis], axis=-1)
         if len(directions) > 3 or (len(directions) == 0 and axis is None):
             raise ConstraintError(f"{where} must have one to three directions, or an axis")
-        if not (np.isfinite(pivot).all() and (lengths > 1e-9).all()):
+        if not (np.isfinite(pivot).all() and ((lengths > 1e-9) & (lengths < np.inf)).all()):
             raise ConstraintError(f"{where}: pivot not finite, or direction of length 0")
-        if not ((share >= 0.0) & (share <= 1.0)).all() or not self.rigidity > 0.0:
+        if not ((share >= 0.0) & (share <= 1.0)).all() or not 0.0 < self.rigidity < np.inf:
             raise ConstraintError(f"{where}: shares must be in [0, 1], the rigidity positive")
         for name, value in (
             ("frames", frames),

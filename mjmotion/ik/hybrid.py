@@ -137,17 +137,39 @@ class HybridIK:
         """Return what the frames' deviations cost when their targets change; see the protocol.
 
         A limb's joints follow its end as they follow its base, the other way; what the body makes
-        up for is taken out through the reduced problem. Where a site is on no limb's end, the
-        numeric solver answers.
+        up for is taken out through the reduced problem. Where anything is held that is not both
+        place and orientation of a limb's end, the numeric solver answers.
         """
-        limbs, closable, _ = self._split(targets)
-        if limbs is None or len(closable.sites) < len(targets.sites):
+        limbs, closable, other = self._split(targets)
+        if limbs is None:
             return self._numeric.sensitivity(qpos, targets, deviation)
+        whole = (closable.position_weight == 1.0) & (closable.turn_weight == 1.0)
+        rest = np.flatnonzero(other | ~whole.all(axis=1))
+        if len(rest) == len(qpos):
+            return self._numeric.sensitivity(qpos, targets, deviation)
+        found = self._closed_sensitivity(limbs, qpos, closable, deviation)
+        if len(rest) == 0 and len(closable.sites) == len(targets.sites):
+            return found
+        mine = np.flatnonzero(np.isin(targets.sites, closable.sites))
+        shape = (len(qpos), len(targets.sites), 6)
+        gradient, hessian = np.zeros(shape), np.zeros((*shape, *shape[1:]))
+        gradient[:, mine] = found.gradient
+        hessian[:, mine[:, None], :, mine] = found.hessian.transpose(1, 3, 0, 2, 4)
+        if len(rest):
+            before = None if deviation is None else deviation[rest]
+            few = self._numeric.sensitivity(qpos[rest], targets.at(rest), before)
+            gradient[rest], hessian[rest] = few.gradient, few.hessian
+        return Sensitivity(gradient, hessian)
+
+    def _closed_sensitivity(
+        self, limbs: Limbs, qpos: Array, targets: Targets, deviation: Array | None
+    ) -> Sensitivity:
+        """Return the same of frames in which every limb is held in place and orientation."""
         state = self._state(limbs, qpos)
-        goal, end, _ = self._goals(limbs, state, closable)
+        goal, end, _ = self._goals(limbs, state, targets)
         d0 = limbs.close(state, goal, end)
-        reduced = self._reduce(qpos, limbs, state, closable)
-        follow = reduced.follow_ends(limbs, closable)
+        reduced = self._reduce(qpos, limbs, state, targets)
+        follow = reduced.follow_ends(limbs, targets)
         rest, rows = d0 * reduced.root, reduced.rows
         if deviation is not None:
             body_before, limbs_before = self._before(limbs, reduced.base, deviation)
@@ -168,11 +190,7 @@ class HybridIK:
         hessian = hessian.reshape(count, nlimb, 6, nlimb, 6)
         own = np.arange(nlimb)
         hessian[:, own, :, own] += (follow.swapaxes(2, 3) @ follow).swapaxes(0, 1)
-        # What is not held does not answer.
-        held = np.stack((targets.position_weight, targets.turn_weight), axis=-1)
-        held = np.repeat(held > 0.0, 3, axis=-1)
-        gradient = gradient.reshape(count, nlimb, 6) * held
-        return Sensitivity(gradient, hessian * held[..., None, None] * held[:, None, None])
+        return Sensitivity(gradient.reshape(count, nlimb, 6), hessian)
 
     def _before(self, limbs: Limbs, base: Base, deviation: Array) -> tuple[Array, Array]:
         """Split a deviation (n, nv) into the body's (n, nbase) and the limbs' (n, nlimb, 7)."""

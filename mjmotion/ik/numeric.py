@@ -106,17 +106,16 @@ class NumericIK:
         inverse = np.linalg.inv(dual)
         present = (jacobian != 0.0).any(axis=2)
         inverse *= present[:, :, None] * present[:, None, :]
-        row, place = 0, []
+        place: list[int] = []
         for column in range(len(targets.sites)):
             for part, weight in enumerate((targets.position_weight, targets.turn_weight)):
                 if weight[:, column].any():
-                    place.append(6 * column + 3 * part + np.arange(3))
-                    row += 3
-        at = np.concatenate(place)
+                    place += range(6 * column + 3 * part, 6 * column + 3 * part + 3)
+        at = np.array(place, dtype=np.int64)
         count, size = len(qpos), 6 * len(targets.sites)
         gradient, hessian = np.zeros((count, size)), np.zeros((count, size, size))
-        gradient[:, at] = (inverse @ error[..., None])[:, :row, 0]
-        hessian[:, at[:, None], at] = inverse[:, :row, :row]
+        gradient[:, at] = (inverse @ error[..., None])[:, : len(at), 0]
+        hessian[:, at[:, None], at] = inverse[:, : len(at), : len(at)]
         shape = (count, len(targets.sites), 6)
         return Sensitivity(gradient.reshape(shape), hessian.reshape(*shape, *shape[1:]))
 
