@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.rotations import to_matrix
+from mjmotion.rotations import normalized, to_matrix
 
 Array = NDArray[np.float64]
 
@@ -42,12 +42,12 @@ class BodyFrame:
 
 
 def quat_of(element: Any, alternative: str = "alt", quat: str = "quat") -> Array:
-    """Return the orientation (4,) wxyz of an element, however it was said."""
+    """Return the orientation (4,) wxyz of an element, however it was said, as a unit quaternion."""
     other = getattr(element, alternative)
     if other.type == QUAT:
-        return np.array(getattr(element, quat), dtype=np.float64)
+        return normalized(np.array(getattr(element, quat), dtype=np.float64))
     compiler = element.compiler
     resolved = mujoco.MjSpec.resolve_orientation(
         degree=bool(compiler.degree), sequence=compiler.eulerseq, orientation=other
     )
-    return np.array(resolved, dtype=np.float64)
+    return normalized(np.array(resolved, dtype=np.float64))
