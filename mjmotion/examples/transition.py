@@ -28,9 +28,9 @@ from mjmotion.scene import load_scene
 from mjmotion.transition import Overlap, blend_clips, join
 
 FRAMES = 119  # of Table 1
-OVERLAPS = (Overlap(72, 7, 21), Overlap(64, 9, 21))  # what is found, kept for the counts' sake
-FIRST = 42  # frame of the whole that the job begins with; some to either side make no difference
-STRIDES = (3.0, 2.0)  # of each walk and of the sneaking
+OVERLAPS = (Overlap(74, 10, 21), Overlap(84, 24, 21))  # what is found, kept for the counts' sake
+FIRST = 66  # frame of the whole that the job begins with; some to either side make no difference
+STRIDES = (3.0, 2.5)  # of each walk and of the sneaking
 WALK = ("start", "straight", "turn_left", "turn_right", "stop")  # clips of the paper's 464 frames
 DUTY = 0.57  # share of a stride that a foot stands in the walk
 

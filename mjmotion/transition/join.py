@@ -22,7 +22,7 @@ from mjmotion.footholds import find_feet
 from mjmotion.motion import Motion
 from mjmotion.planning import plan
 from mjmotion.scene import load_scene, with_ground
-from mjmotion.transition.blend import blend, placed
+from mjmotion.transition.blend import blend
 from mjmotion.transition.overlap import (
     Overlap,
     cadence_ratio,
@@ -46,7 +46,7 @@ class Joined:
     """Clips in one, before any fit.
 
     Attributes:
-      motion: the blend, beginning at the origin along +x.
+      motion: the blend, beginning as the first clip does.
       contacts: who stands when.
       overlaps: of every two clips: frames of the result ``(start, end)``.
       places: the same in the clips' own frames, at the result's rate.
@@ -146,7 +146,7 @@ def _spare(
 
 
 def _at_one_rate(clips: Sequence[Motion], contacts: Sequence[Contacts]) -> list[Ready]:
-    """Return the clips at the first's rate, begun at the origin, with their contacts."""
+    """Return the clips at the first's rate, with their contacts."""
     fps, ready = clips[0].fps, []
     if len(contacts) != len(clips):
         raise ClipError(f"contacts of {len(contacts)} clips for {len(clips)}: give one a clip")
@@ -165,9 +165,7 @@ def _at_one_rate(clips: Sequence[Motion], contacts: Sequence[Contacts]) -> list[
         else:
             found = check_contacts(given, clip.model, clip.nframe)
             found = resample_contacts(found, clip.fps, fps, motion.nframe)
-        start = np.zeros(motion.model.nq)
-        start[3] = 1.0
-        ready.append((motion.replace(placed(motion.qpos, motion.qpos[0], start)), found))
+        ready.append((motion, found))
     find_feet(clips[0].model)
     return ready
 

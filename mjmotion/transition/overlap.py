@@ -34,7 +34,7 @@ _PLACES = 7  # of an overlap that are compared
 _HEIGHT = 10.0  # 1 rad of a joint counts as 1 / this of the root's height [1/m]
 _SPEED = 0.15  # a velocity counts as what it moves in this time [s]
 _STANDING = 0.4  # a heel or toe that stands in one alone counts as this much [rad²]
-_KEEP = 0.1  # a second of a clip that is not used costs this share of the middle unlikeness [1/s]
+_KEEP = 0.1  # share of the middle unlikeness that an unused second of a clip costs, squared [1/s²]
 _LIFT = 0.12  # a foot that leaves the ground for less than this makes no step [s]
 
 
@@ -253,7 +253,9 @@ def find_overlap(
             for begin, span, size in zip(begins, taken, unlike.shape, strict=True)
         )
         total += unlike[np.ix_(rows, columns)] / _PLACES
-    unused = (begins[0].max() - begins[0])[:, None] + (begins[1] - begins[1].min())
-    cost = total + _KEEP * float(np.median(total)) * unused / first.fps
+    # A little of a clip may go for a better place, most of it never.
+    unused = [(begins[0].max() - begins[0])[:, None], begins[1] - begins[1].min()]
+    lost = sum((frames / first.fps) ** 2 for frames in unused)
+    cost = total + _KEEP * float(np.median(total)) * lost
     row, column = np.unravel_index(int(np.argmin(cost)), cost.shape)
     return Overlap(int(begins[0][row]), int(begins[1][column]), length)
