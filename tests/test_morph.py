@@ -304,8 +304,8 @@ def test_the_papers_job() -> None:
             held = contact_mask(job.contacts, f"{side}_{part}", job.nframe)
             assert (found & ~held).sum() <= 1
     legs = job.body.fields["body_pos"][:, job.motion.model.body("left_shank").id, 2]
-    assert legs.min() / legs[0] == pytest.approx(1.6, abs=0.01)
-    assert legs.max() / legs[0] == pytest.approx(0.55, abs=0.01)
+    assert legs.min() / legs[0] == pytest.approx(1.5, abs=0.01)
+    assert legs.max() / legs[0] == pytest.approx(0.6, abs=0.01)
 
 
 # Figures

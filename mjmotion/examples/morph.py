@@ -41,8 +41,8 @@ FIRST = 42  # frame of the whole walk that the job begins with
 STRIDES = 6.0  # of the whole walk
 
 KEYS: tuple[tuple[int, Mapping[str, float]], ...] = (
-    (20, MappingProxyType({"legs": 1.6, "torso": 0.6, "arms": 0.8})),
-    (52, MappingProxyType({"legs": 0.55, "torso": 1.5, "arms": 1.2})),
+    (20, MappingProxyType({"legs": 1.5, "torso": 0.6, "arms": 0.8})),
+    (52, MappingProxyType({"legs": 0.6, "torso": 1.5, "arms": 1.2})),
 )
 """Frames and what the body is then, as factors of the walk's own."""
 
@@ -91,7 +91,7 @@ def paper_body(walk: Walk) -> MorphBody:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MorphJob(Job):
-    """The job, fitted as :func:`mjmotion.morph.morph` does it: its own first guess and exact pass.
+    """The job, fitted as :func:`mjmotion.morph.morph` does it, with its own exact pass.
 
     Attributes:
       stride: what the feet do.
@@ -100,12 +100,6 @@ class MorphJob(Job):
 
     stride: Stride | None = None
     body: MorphBody | None = None
-
-    @property
-    def guess(self) -> Array:
-        """The motion after the first guess (nframe, nq)."""
-        assert self.stride is not None and self.bones is not None
-        return np.array(self.stride.first_guess(self.bones).qpos)
 
     def fit(
         self, ik: str | IKSolver = "hybrid", levels: Sequence[float] = LEVELS, **more: Any

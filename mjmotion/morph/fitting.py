@@ -127,16 +127,14 @@ def fit_stride(
     """
     began = time.perf_counter()
     constraints, bones = stride.constraints(), body.bones
-    guess = stride.first_guess(bones, ik)
-    guessed = time.perf_counter() - began
     result = fit(
-        guess,
+        stride.source,
         constraints,
         levels=levels,
         tolerance=tolerance,
         ik=ik,
-        weights=stiff_root(guess.model),
-        first_guess=False,
+        weights=stiff_root(stride.source.model),
+        first_guess=stride.shift,
         exact=False,
         bones=bones,
     )
@@ -149,7 +147,6 @@ def fit_stride(
         result.trace,
         fit_seconds=took,
         exact_error_percent=percent,
-        preprocessing_seconds=guessed,
     )
     unmet = find_unmet(done, targets, left, bones=bones)
     return dataclasses.replace(result, motion=done, trace=trace, unmet=unmet)

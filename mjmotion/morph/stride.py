@@ -15,11 +15,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.adapt import stiff_root
 from mjmotion.bones import Bones
 from mjmotion.constraints import SiteConstraint
 from mjmotion.contacts import Contact, contact_mask
-from mjmotion.fit import default_levels, fit
 from mjmotion.footholds import Foot, find_feet
 from mjmotion.ik.limb import Limbs, find_limbs, limbs_of
 from mjmotion.kinematics import Kinematics, site_id, site_positions
@@ -31,8 +29,6 @@ from mjmotion.scene import load_scene
 from mjmotion.smoothing import cover
 
 Array = NDArray[np.float64]
-
-_COARSE = 2  # levels of the first guess
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -79,23 +75,6 @@ class Stride:
     def constraints(self) -> list[SiteConstraint]:
         """Feet held while they stand."""
         return [track.constraints() for track in self.tracks if track.stance.any()]
-
-    def first_guess(self, bones: Bones, ik: str = "hybrid") -> Motion:
-        """Return the walk with the root at its height and the legs roughly as long as they are.
-
-        A retarget of every frame to its own body, of which only the coarse knots are kept.
-        """
-        frames = np.arange(self.source.nframe)
-        return fit(
-            self.source,
-            [track.constraints(frames) for track in self.tracks],
-            levels=default_levels(self.source.fps)[:_COARSE],
-            ik=ik,
-            weights=stiff_root(self.source.model),
-            first_guess=self.shift,
-            exact=False,
-            bones=bones,
-        ).motion
 
 
 def find_stride(
