@@ -93,8 +93,9 @@ def test_the_files_that_are_shown_are_taken(tmp_path: Path) -> None:
 
     path = tmp_path / "constraints.yaml"
     path.write_text(blocks("yaml")[1], "utf-8")
-    (wish,) = load_constraints(path, model, 464)
-    assert wish.site == constraints[0]["site"] and len(wish.frames) == 20
+    wishes = load_constraints(path, model, 464)
+    assert [wish.site for wish in wishes] == [entry["site"] for entry in constraints]
+    assert len(wishes[0].frames) == 20
     path = tmp_path / "contacts.json"
     path.write_text(blocks("json")[0], "utf-8")
     assert len(load_contacts(path, model, 464)) == 2
