@@ -29,6 +29,9 @@ ADULT_STATURE, ADULT_SITTING, ADULT_HEAD, ADULT_FOOT = 1.75, 0.52, 0.228, 0.255
 # Of our adult [m]: hip over the sole, sole to ankle, hip to the neck's foot, that to the crown.
 HIP, ANKLE, TRUNK, CROWN = 0.9275, 0.0682, 0.5625, 0.26
 
+# Shares of the flexible spine's turn, from the lowest joint up: the lumbar spine bends most.
+SPINE = (0.4, 0.3, 0.3)
+
 
 def child() -> Proportions:
     """Return the proportions of a child of six, from the figures above."""
@@ -86,7 +89,7 @@ def main() -> None:
             f" torso {small.torso:g}, head {small.head:g} and feet {small.feet:g}.",
         ),
         "humanoid_flexible": (
-            flexible_spine(load_spec("humanoid")),
+            flexible_spine(load_spec("humanoid"), SPINE),
             "The humanoid with a spine of three segments that share the three DOFs of one ball"
             " joint: spine_i turns by exp(share_i w), with the shares of the tuple couple_spine.",
         ),

@@ -344,7 +344,7 @@ def test_the_shipped_characters_are_what_the_script_makes() -> None:
     made = {
         "climber": make_character("humanoid", script.CLIMBER),
         "child": make_character("humanoid", script.child()),
-        "humanoid_flexible": flexible_spine(load_spec("humanoid")),
+        "humanoid_flexible": flexible_spine(load_spec("humanoid"), script.SPINE),
     }
     for name, spec in made.items():
         shipped = mujoco.MjModel.from_xml_path(str(find_asset("model", name)))

@@ -76,7 +76,7 @@ def held_shift(guess: Motion, constraints: Sequence[Constraint]) -> Array:
     targets = lay_out(
         [dataclasses.replace(one, contact=True) for one in chosen], guess.model, guess.nframe
     )
-    return contact_shift(guess, targets, default_levels(guess.fps)[:1])
+    return contact_shift(guess, targets, default_levels(guess.fps)[:1] * 2)
 
 
 def check_span(model: mujoco.MjModel, constraints: Sequence[Constraint]) -> None:

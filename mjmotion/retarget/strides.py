@@ -1,8 +1,9 @@
 """Where the feet of another body go: on the same spots, or as far apart as its legs are long.
 
 A foot's path is told by the stances: on a spot while it stands, and on the way from spot to spot
-between. What the source's foot does besides (it rolls, and rises in the swing) is taken over as
-much larger or smaller as the foot is, so that a foot that rolls on its toe fits the toe it has.
+between. What the source's foot does besides (it rolls, and rises in the swing) is taken over: near
+the ground as much larger or smaller as the foot is, so that a foot that rolls on its toe fits the
+toe it has, and well between stances as much as steps and legs are.
 """
 
 from __future__ import annotations
@@ -182,8 +183,11 @@ class Strides:
             anchor = self.blended(index, anchors)
             along = self._following(index)
             besides = long * (self.pose.site_xpos[:, other] - anchor - along)
-            # Longer legs lift the foot higher in mid-swing, as the same joint angles would.
-            besides[:, 2] *= 1.0 + max(0.0, legs / float(long) - 1.0) * self._swinging(index)
+            # Well between stances it is the body and its steps that count, not the foot alone:
+            # longer legs lift it higher, as the same joint angles would.
+            swinging, size = self._swinging(index)[:, None], max(legs, float(long))
+            most = np.array((min(self.scale, size), min(self.scale, size), size)) / long
+            besides *= 1.0 + (most - 1.0) * swinging
             place[:, column] = anchor + self.scale * along + besides
             turn[:, column] = self.pose.site_xmat[:, other]
         return dataclasses.replace(pose, site_xpos=place, site_xmat=turn)
