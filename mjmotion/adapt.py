@@ -39,7 +39,7 @@ from mjmotion.footholds import find_feet
 from mjmotion.ik.limb import find_limbs, limbs_of
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import default_weights
-from mjmotion.kinematics import Kinematics
+from mjmotion.kinematics import Kinematics, site_id, site_positions
 from mjmotion.motion import Motion
 from mjmotion.planning import Plan, freed, place, plan, root_shift, shifted
 from mjmotion.scene import Scene, compose, load_character
@@ -159,7 +159,9 @@ def carry_out(
     weights = stiff_root(model) if weights is None else weights
     posed = {path.site for path in what.paths}
     feet = [foot for foot in find_feet(model) if foot.site in posed] if posed else []
-    own = _within_reach(constraints, shifted(what.source, what.root_shift))
+    guess = shifted(what.source, what.root_shift)
+    asked = _moved_near(constraints, guess)
+    own = _within_reach(asked, guess)
     wanted = [*what.constraints(), *own]
     began = time.perf_counter()
     start: Motion = what.source
@@ -209,19 +211,33 @@ def carry_out(
     if clearance is not None:
         _check_passage(clearance, result)
     # Against what was asked for, not what was brought within reach; free targets where they went.
-    own = [
-        now if isinstance(one, SiteConstraint) and one.free else one
-        for one, now in zip(constraints, with_moves(own, result.moves), strict=True)
-    ]
-    asked = lay_out([*what.constraints(), *own], model, nframe)
+    targets = lay_out([*what.constraints(), *with_moves(asked, result.moves)], model, nframe)
     return Adaptation(
         what.source.on(composed),
         result.motion.on(composed),
         what.contacts,
         dataclasses.replace(result.trace, fit_seconds=ducked + result.trace.fit_seconds),
-        find_unmet(result.motion, asked, residuals(result.motion, asked)),
+        find_unmet(result.motion, targets, residuals(result.motion, targets)),
         spec,
     )
+
+
+def _moved_near(constraints: Sequence[Constraint], motion: Motion) -> list[Constraint]:
+    """Move targets that are free to move and out of reach, as a whole, to where the motion is."""
+    near = list(constraints)
+    for index, one in enumerate(constraints):
+        if not (isinstance(one, SiteConstraint) and one.free and one.position is not None):
+            continue
+        (reached,) = _within_reach([one], motion)
+        if isinstance(reached, SiteConstraint) and not np.array_equal(
+            one.position, np.asarray(reached.position)
+        ):
+            site = np.array([site_id(motion.model, one.site)])
+            own = site_positions(motion.model, motion.qpos[one.frames], site)[:, 0]
+            free = np.array([name in one.free for name in "xyz"])
+            step = free * np.mean(own - one.position, axis=0)
+            near[index] = dataclasses.replace(one, position=one.position + step)
+    return near
 
 
 def _within_reach(constraints: Sequence[Constraint], motion: Motion) -> list[Constraint]:

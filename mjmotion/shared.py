@@ -207,6 +207,11 @@ class SharedMoves:
         self._rounds = self._turns()
         self._pairs, self._blocks = self._meeting()
 
+    @property
+    def touched(self) -> NDArray[np.bool_]:
+        """Which of the targets' frames (n,) any move has a share in."""
+        return np.isin(np.arange(len(self._targets.frames)), self._row[self._share > 0.0])
+
     def some_rows(self, count: int) -> NDArray[np.int64]:
         """Return evenly spaced places in the targets' frames, some ``count`` of every move.
 

@@ -38,7 +38,7 @@ from mjmotion.fit.result import (
 from mjmotion.fit.submap import fit_submap
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.solver import Clearance, IKSolver
+from mjmotion.ik.solver import Clearance, IKSolver, Solution
 from mjmotion.kinematics import character_height, site_positions
 from mjmotion.motion import Motion
 from mjmotion.shared import SETTLED, SharedMove, SharedMoves, free_moves
@@ -56,7 +56,6 @@ _BETTER = 0.8  # another level only while each leaves less than this share of th
 _EXTRA_LEVELS = 6  # at most, at the finest spacing, to get the edges that close
 _PASSES = 2  # times that Eq. 2 is applied at a level's knots: then to what the first time left
 _ASKED = 6  # frames of the shortest shared move that tell what moves would cost
-_STILL = 1e-6  # a displacement this small is rounding [rad or m]
 
 
 def default_levels(fps: float) -> tuple[float, ...]:
@@ -128,6 +127,7 @@ def fit(
     guessed = time.perf_counter() - guessing
 
     guess, settled = qpos, False
+    alone = np.ones(len(targets.frames), dtype=bool) if together is None else ~together.touched
     traced: list[tuple[float, float, float]] = []  # spacing, seconds, error before the level
     queue = list(spacings)
     last_error, worst_left = math.nan, math.inf
@@ -138,21 +138,19 @@ def fit(
         if together is not None:
             # Moves add up over the levels, and so must the deviation that they are to keep least.
             deviation = ominus(motion.model, poses, guess[targets.frames])
+            deviation[alone] = np.nan
             if not settled:
                 values, settled = _move(*(together, values, solver, poses, targets, deviation))
                 targets = together.moved(values)
-        frames, displacement, last_error = _solve_level(
-            solver, poses, targets, clearance, deviation
-        )
+        solution, last_error = _solve_level(solver, poses, targets, clearance, deviation)
+        if solution.pushed is not None:
+            alone |= solution.pushed  # what was pushed out of something must not be drawn back in
         if traced and last_error <= tolerance and not targets.turning:
             break
-        if len(frames):
-            if clearance is None:
-                submap = fit_submap(
-                    motion.model, targets, displacement, motion.nframe, spacing, _PASSES, curve
-                )
-            else:  # what is to be kept clear may ask any joint in any frame
-                submap = fit_level(frames, displacement, motion.nframe, spacing, passes=_PASSES)
+        if len(targets.frames):
+            submap = fit_submap(
+                motion.model, targets, solution, motion.nframe, spacing, _PASSES, curve
+            )
             qpos = couple(motion.model, oplus(motion.model, qpos, submap))
         traced.append((spacing, time.perf_counter() - start, last_error))
         if progress is not None:
@@ -291,14 +289,10 @@ def _solve_level(
     targets: Targets,
     clearance: Clearance | None,
     deviation: Array | None,
-) -> tuple[NDArray[np.int64], Array, float]:
+) -> tuple[Solution, float]:
     kept = {} if deviation is None else {"deviation": deviation}
     solution = solver.solve(poses, targets, clearance, **kept)
-    error = float(solution.error.max(initial=0.0))
-    if clearance is None:
-        return targets.frames, solution.displacement, error
-    wanted = targets.held | (np.abs(solution.displacement).max(axis=1) > _STILL)
-    return targets.frames[wanted], solution.displacement[wanted], error
+    return solution, float(solution.error.max(initial=0.0))
 
 
 def contact_shift(

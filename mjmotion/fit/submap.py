@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mjmotion.constraints import Targets
 from mjmotion.coupling import coupling
+from mjmotion.ik.solver import Solution
 from mjmotion.kinematics import body_dofs
 from mjmotion.spline import Curve, fit_level
 
@@ -24,7 +25,7 @@ Mask = NDArray[np.bool_]
 def fit_submap(
     model: mujoco.MjModel,
     targets: Targets,
-    displacement: Array,
+    solution: Solution,
     nframe: int,
     spacing: float,
     passes: int,
@@ -35,13 +36,17 @@ def fit_submap(
     Args:
       model: the MuJoCo model.
       targets: what is held, over ``n`` constrained frames.
-      displacement: (n, nv) what the solver answered there.
+      solution: what the solver answered there.
       nframe: frames of the motion.
       spacing: frames a knot.
       passes: times that Eq. 2 is applied.
       curve: how a level is fitted, if not so.
     """
     moves, held = _columns(model, targets)
+    displacement, pushed = solution.displacement, solution.pushed
+    if pushed is not None and pushed.any():
+        moves = np.vstack((moves, np.ones(model.nv, dtype=bool)))
+        held = np.column_stack((held, pushed))
     if held.all():
         frames = targets.frames
         return curve(frames, displacement, nframe, spacing, passes=passes)

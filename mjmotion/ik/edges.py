@@ -56,6 +56,7 @@ def find_edges(
     displacement: Array,
     deviation: Array,
     before: Edges | None,
+    free: NDArray[np.bool_],
 ) -> Edges:
     """Return what is at an edge after a displacement (n, nlimb, 7) of poses (n, nq).
 
@@ -67,6 +68,7 @@ def find_edges(
       displacement: (n, nlimb, 7) what they are about to be moved by.
       deviation: (n, nlimb, 7) how far they are from the motion to keep to, after that.
       before: what was held while this displacement was found.
+      free: (n,) frames in which nothing is held, as there is no motion to keep to.
     """
     low, high = _bounds(model, limbs)
     angle = limbs.joint_angles(qpos, displacement)
@@ -78,6 +80,7 @@ def find_edges(
         inside = (deviation - before.level) * before.side < 0.0
         stays = (before.side != 0.0) & (side == 0.0) & ~inside
         side, level = np.where(stays, before.side, side), np.where(stays, before.level, level)
+    side[free], level[free] = 0.0, 0.0
     return Edges(frames, side, level)
 
 

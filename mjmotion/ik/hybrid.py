@@ -100,19 +100,20 @@ class HybridIK:
             if before is not None:
                 self._edges = find_edges(
                     *(self.model, limbs, targets.frames, qpos, step, before[1] + step),
-                    reduced.edges,
+                    *(reduced.edges, np.isnan(deviation).any(axis=1)),
                 )
             displacement[:, base.dofs] = base.spread(body)
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
         if inequalities is not None:
             other = other.copy()
             other[inequalities(qpos, targets.frames).frame] = True
-        rows = np.flatnonzero(other)
+        rows, pushed = np.flatnonzero(other), np.zeros(len(qpos), dtype=bool)
         if len(rows):
             mine = None if deviation is None else deviation[rows]
             few = self._numeric.solve(qpos[rows], targets.at(rows), inequalities, mine)
             displacement[rows], error[rows] = few.displacement, few.error
-        return Solution(displacement, error)
+            pushed[rows] = few.pushed
+        return Solution(displacement, error, pushed=pushed)
 
     def enforce(self, qpos: Array, targets: Targets) -> Solution:
         """Close every held limb where the body is (§4.4): the body stays as fitted."""
@@ -194,6 +195,7 @@ class HybridIK:
 
     def _before(self, limbs: Limbs, base: Base, deviation: Array) -> tuple[Array, Array]:
         """Split a deviation (n, nv) into the body's (n, nbase) and the limbs' (n, nlimb, 7)."""
+        deviation = np.nan_to_num(deviation)
         mine = deviation[:, limbs.dofs.ravel()].reshape(len(deviation), -1, 7)
         return base.gather(deviation[:, base.dofs]), mine
 

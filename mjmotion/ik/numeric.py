@@ -99,7 +99,7 @@ class NumericIK:
         dofs = self._dofs(targets, everything=False)
         jacobian, error, compliance = self._equalities(pose, targets, dofs)
         if deviation is not None:
-            error = error + (jacobian @ deviation[:, dofs, None])[..., 0]
+            error = error + (jacobian @ np.nan_to_num(deviation[:, dofs, None]))[..., 0]
         dual = (jacobian * self._freedom()[dofs]) @ np.swapaxes(jacobian, 1, 2)
         index = np.arange(dual.shape[1])
         dual[:, index, index] += compliance + _RIDGE
@@ -145,7 +145,7 @@ class NumericIK:
         deviation: Array | None = None,
     ) -> Solution:
         displacement = np.zeros((len(qpos), self.model.nv))
-        before = np.zeros_like(displacement) if deviation is None else deviation
+        before = np.zeros_like(displacement) if deviation is None else np.nan_to_num(deviation)
         first_error = np.zeros(len(qpos))
         dofs = self._dofs(targets, inequalities is not None)
         moved = qpos
@@ -176,7 +176,7 @@ class NumericIK:
             if self._coupling:
                 displacement = self._coupling.spread(displacement)
             moved, displacement, freedom = self._within_limits(qpos, displacement, freedom)
-        return Solution(displacement, first_error)
+        return Solution(displacement, first_error, pushed=np.isin(np.arange(len(qpos)), kept.frame))
 
     def _dofs(self, targets: Targets, everything: bool) -> NDArray[np.int64]:
         """Degrees of freedom that can serve: those that move a constrained site."""

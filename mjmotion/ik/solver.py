@@ -56,12 +56,14 @@ class Solution:
 
     ``error`` (n,) is the largest position error of a frame before solving [m]. ``rise`` (n,), where
     the solver leaves the root alone, is how far the root would have to go up for all to be in reach
-    [m]; down is negative.
+    [m]; down is negative. ``pushed`` (n,) are the frames that inequalities ask anything of: any of
+    their joints may serve.
     """
 
     displacement: Array
     error: Array
     rise: Array | None = None
+    pushed: NDArray[np.bool_] | None = None
 
 
 class IKSolver(Protocol):
@@ -77,7 +79,7 @@ class IKSolver(Protocol):
         """Return displacements for poses (n, nq) at ``targets.frames``.
 
         They are least in themselves (Eq. 4), or together with a ``deviation`` (n, nv) that there
-        is already.
+        is already; where that is NaN, in themselves.
         """
         ...
 
