@@ -16,14 +16,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import levels, quality, readme, spacetime, speed, startup
+from benchmarks import levels, paper, quality, readme, spacetime, speed, startup
 from benchmarks.figures import Figure, machine
 from benchmarks.job import make_job
 
 from mjmotion.exceptions import MotionError
 
 README = Path(__file__).parents[1] / "README.md"
-PARTS = ("quality", "levels", "speed", "spacetime", "cli")
+PARTS = ("quality", "levels", "speed", "paper", "spacetime", "cli")
 
 
 def say(line: str) -> None:
@@ -72,6 +72,9 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         if "speed" in wanted:
             say("\nspeed")
             figures += speed.run(job, say)
+    if "paper" in wanted:
+        say("\nthe paper's other results: Table 1, rope, retargeting, joining")
+        figures += paper.run(say)
     if "spacetime" in wanted:
         say(
             "\none large optimisation against many small: the terrain job, footholds fixed and free"

@@ -16,7 +16,7 @@ class Figure:
     """One measured figure.
 
     Attributes:
-      group: ``quality``, ``levels``, ``speed``, ``spacetime`` or ``cli``.
+      group: ``quality``, ``levels``, ``speed``, ``paper``, ``spacetime`` or ``cli``.
       name: what people read.
       value: NaN where it could not be measured.
       unit: such as ``mm`` or ``x``.
