@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 
 REACH_FREE = 0.97  # share of a leg's length that a root path may always ask for
 REACH_MOST = 0.995  # the most it may ask for, where the source did
+OFF_PLANE = 0.03  # further out of its plane than this a free foothold stands on something else [m]
+_HALVINGS = 3  # of a move that would take a foothold there; after the last it stays
 DROP_TIME = 0.3  # how far on either side it is felt that a leg would not reach [s]
 
 
@@ -104,14 +106,16 @@ def plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = None) 
         )
     pose = Kinematics(source.model, source.nframe).forward(source.qpos)
     stances = find_stances(source, pose, feet, found)
-    return _on_ground(source, pose, found, stances, stances, scene)
+    footholds = find_footholds(stances, feet, Ground(scene), float(scene.start_pos[2]))
+    return _on_ground(source, pose, found, stances, footholds, scene)
 
 
 def freed(what: Plan, scene: Scene, ik: str = "hybrid") -> Plan:
     """Return the plan with footholds where they change the walk least (§7).
 
     Each foothold is free to move and turn in its own plane as a whole; where the fit takes it, it
-    is put on the ground anew, so that nothing slides and nothing floats.
+    is put on the ground anew, so that nothing slides and nothing floats. One that would come to
+    stand on another step goes less far.
 
     Args:
       what: the plan with footholds under those of the clip.
@@ -130,19 +134,30 @@ def freed(what: Plan, scene: Scene, ik: str = "hybrid") -> Plan:
         shared=shared,
         exact=False,
     ).moves
-    feet = find_feet(what.source.model)
+    feet, ground = find_feet(what.source.model), Ground(scene)
     order = [i for foot in range(len(feet)) for i, s in enumerate(what.stances) if s.foot == foot]
-    spots = list(what.stances)
-    for index, move, found in zip(order, shared, moves, strict=True):
-        stance = spots[index]
-        spots[index] = dataclasses.replace(
-            stance,
-            source_pos=stance.source_pos + found[: len(move.directions)] @ move.directions,
-            source_quat=multiply(yaw_quat(found[3]), stance.source_quat),
-        )
+    share = np.ones(len(order))
+    for halving in range(_HALVINGS + 1):
+        spots = list(what.stances)
+        for index, move, found in zip(order, shared, share[:, None] * moves, strict=True):
+            spots[index] = dataclasses.replace(
+                what.stances[index],
+                source_pos=move.pivot + found[: len(move.directions)] @ move.directions,
+                source_quat=multiply(yaw_quat(found[3]), what.stances[index].source_quat),
+            )
+        new = find_footholds(spots, feet, ground, float(scene.start_pos[2]))
+        off = np.array([_off_plane(what.footholds[i], new[i]) > OFF_PLANE for i in order])
+        if not off.any():
+            break
+        share[off] *= 0.5 if halving < _HALVINGS - 1 else 0.0
     source = what.source
     pose = Kinematics(source.model, source.nframe).forward(source.qpos)
-    return _on_ground(source, pose, what.contacts, what.stances, spots, scene)
+    return _on_ground(source, pose, what.contacts, what.stances, new, scene)
+
+
+def _off_plane(old: Foothold, new: Foothold) -> float:
+    """How far a foothold left the plane of the one that it was free to move in [m]."""
+    return float(abs((new.position - old.position) @ old.normal))
 
 
 def _on_ground(
@@ -150,12 +165,11 @@ def _on_ground(
     pose: Pose,
     found: tuple[Contact, ...],
     stances: Sequence[Stance],
-    spots: Sequence[Stance],
+    footholds: tuple[Foothold, ...],
     scene: Scene,
 ) -> Plan:
-    """Put every stance down where its spot is, and plan the ways there."""
+    """Plan the ways from foothold to foothold, one a stance."""
     feet, ground = find_feet(source.model), Ground(scene)
-    footholds = find_footholds(spots, feet, ground, float(scene.start_pos[2]))
     paths = tuple(
         foot_path(foot, index, pose, stances, footholds, ground, source.fps)
         for index, foot in enumerate(feet)

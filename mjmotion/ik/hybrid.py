@@ -97,10 +97,10 @@ class HybridIK:
             base = reduced.base
             before = None if deviation is None else self._before(limbs, base, deviation)
             body, step = self._body_step(limbs, reduced, d0, goal, before)
-            if before is not None:
+            if deviation is not None and before is not None:
+                after, free = before[1] + step, np.isnan(deviation[:, 0])
                 self._edges = find_edges(
-                    *(self.model, limbs, targets.frames, qpos, step, before[1] + step),
-                    *(reduced.edges, np.isnan(deviation).any(axis=1)),
+                    self.model, limbs, targets.frames, qpos, step, after, reduced.edges, free
                 )
             displacement[:, base.dofs] = base.spread(body)
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
