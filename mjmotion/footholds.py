@@ -331,7 +331,9 @@ def _walled(foot: Foot, ground: Ground, placed: _Placed, index: int) -> bool:
     normal, quat = placed.normal[index], placed.quat[index]
     centre = placed.position[index] + rotate(quat, 0.5 * (foot.heel + foot.toe)) + _ANKLE * normal
     sole = placed.position[index] + rotate(quat, foot.sole) + _ANKLE * normal
-    return ground.blocked(np.broadcast_to(centre, sole.shape), sole - centre, EDGE_MARGIN)
+    way = sole - centre
+    way = way[np.linalg.norm(way, axis=1) > 1e-6]  # a point in the very middle has none
+    return ground.blocked(np.broadcast_to(centre, way.shape), way, EDGE_MARGIN)
 
 
 def _search(foot: Foot, ground: Ground, spot: Array, stance: Stance, first: _Placed) -> _Placed:
