@@ -241,6 +241,9 @@ def test_the_command_writes_a_folder_that_other_commands_read(
     assert Motion.load(out / "original.npz", original).nframe == 275
     assert main(["rope", "--out", str(out), "--no-video"]) == 2  # nothing is overwritten
     assert "--force" in capsys.readouterr().err
+    assert main(["validate", str(out)]) == 2  # its figures are not about ground
+    assert "is a rope climb" in capsys.readouterr().err
+    assert json.loads((out / "report.json").read_text()) == report
 
 
 @pytest.mark.parametrize(

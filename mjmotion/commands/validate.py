@@ -20,11 +20,18 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure a result again, rewrite its report and print the figures."""
     from mjmotion.commands.terminal import Bar, path_lines, say, tell_broken
+    from mjmotion.exceptions import MotionError
     from mjmotion.report import Report
     from mjmotion.results import write_report
+    from mjmotion.rope.folder import ORIGINAL_MOTION
     from mjmotion.validation import read_thresholds
 
     thresholds = read_thresholds(args.threshold)
+    if (args.folder / ORIGINAL_MOTION).is_file():
+        raise MotionError(
+            f"'{args.folder}' is a rope climb: its figures are not about ground; make it again with"
+            " mjmotion rope to measure it again"
+        )
     with Bar() as bar:
         bar.stage("measuring")
         report = Report.from_folder(args.folder, thresholds=thresholds)

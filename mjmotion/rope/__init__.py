@@ -1,8 +1,11 @@
 """Climbing a rope (Figure 5c): fitted to another character, the rope simulated, both measured.
 
-climb = climb_rope("climber")
-with result_folder("out/rope") as folder:
-write_climb(folder, climb)
+    climb = climb_rope("climber")
+    climb.figures, climb.jerk_ratio, climb.broken()
+    with result_folder("out/rope") as folder:
+        write_climb(folder, climb)
+
+:func:`render_climb` makes the video of both bodies.
 """
 
 from mjmotion.rope.climb import RopeClimb, climb_rope
