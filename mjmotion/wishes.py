@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mjmotion.constraints import (
     Constraint,
@@ -23,11 +24,14 @@ from mjmotion.constraints import (
     lay_out,
 )
 from mjmotion.exceptions import frame_list
-from mjmotion.kinematics import Kinematics
+from mjmotion.kinematics import Kinematics, Pose, site_id
 from mjmotion.motion import Motion
+from mjmotion.rotations import conjugate, from_matrix, multiply, to_matrix, yaw_quat
 
 if TYPE_CHECKING:
     from mjmotion.fit import Unmet
+
+Array = NDArray[np.float64]
 
 POSITION_TOLERANCE = 1e-3  # [m]
 TURN_TOLERANCE = np.radians(0.5)  # [rad]
@@ -68,27 +72,25 @@ def unmet_wishes(motion: Motion, wishes: Sequence[Constraint]) -> tuple[Missed, 
     """Return the user's constraints that a motion does not meet.
 
     Those of a weight below 1 may give way and are not asked after. Where two speak of the same site
-    and frame, the later counts. Sites held to others, gazes and targets that are free to move are
-    measured by the fit, which knows where they went.
+    and frame, the later counts. Places in another site's frame, gazes and places that are free to
+    move are measured by the fit, which knows where they went; their orientations are measured here.
 
     Raises:
       ConstraintError: a frame the motion does not have.
       ModelError: an unknown site.
     """
-    wishes = [wish for wish in wishes if isinstance(wish, SiteConstraint) and not wish.free]
+    wishes = [wish for wish in wishes if not isinstance(wish, LookAt)]
     if not wishes:
         return ()
     model = motion.model
-    targets = lay_out(wishes, model, motion.nframe)
-    pose = Kinematics(model, len(targets.frames)).forward(motion.qpos[targets.frames])
-    gap = np.linalg.norm(targets.position - pose.site_xpos[:, targets.sites], axis=-1)
-    # A turn's trace holds the cosine of its angle and its skew part the sine: exact at any angle.
-    between = np.einsum("nsji,nsjk->nsik", pose.site_xmat[:, targets.sites], targets.matrix)
-    skew = between - between.swapaxes(-1, -2)
-    sine = np.linalg.norm(skew, axis=(-1, -2)) / np.sqrt(8.0)
-    cosine = (np.trace(between, axis1=-2, axis2=-1) - 1.0) / 2.0
-    turn = np.arctan2(sine, cosine)
-    found = []
+    pose = Kinematics(model, motion.nframe).forward(motion.qpos)
+    held = [_held(wish, pose) for wish in wishes if isinstance(wish, SiteConstraint)]
+    links = [wish for wish in wishes if isinstance(wish, RelativeConstraint)]
+    targets = lay_out([*(wish for wish in held if wish is not None), *links], model, motion.nframe)
+    rows = targets.frames
+    gap = np.linalg.norm(targets.position - pose.site_xpos[rows][:, targets.sites], axis=-1)
+    turn = _angle(pose.site_xmat[rows][:, targets.sites], targets.matrix)
+    found: list[Missed] = []
     for column, site in enumerate(targets.sites):
         name = model.site(int(site)).name
         bad = (targets.position_weight[:, column] == 1.0) & (gap[:, column] > POSITION_TOLERANCE)
@@ -96,12 +98,49 @@ def unmet_wishes(motion: Motion, wishes: Sequence[Constraint]) -> tuple[Missed, 
             frames = tuple(targets.frames[bad].tolist())
             worst = 1000.0 * float(gap[bad, column].max())
             found.append(Missed(f"position of {name}", frames, worst, own=True))
-        bad = (targets.turn_weight[:, column] == 1.0) & (turn[:, column] > TURN_TOLERANCE)
-        if bad.any():
-            frames = tuple(targets.frames[bad].tolist())
-            degrees = float(np.degrees(turn[bad, column].max()))
-            found.append(Missed(f"orientation of {name}", frames, None, degrees, own=True))
+        found += _turned(
+            f"orientation of {name}", rows, targets.turn_weight[:, column], turn[:, column]
+        )
+    for link in targets.links:
+        wanted = pose.site_xmat[rows, link.to] @ to_matrix(link.quat)
+        name = f"orientation of {model.site(link.site).name} to {model.site(link.to).name}"
+        angle = _angle(pose.site_xmat[rows, link.site], wanted)
+        found += _turned(name, rows, link.turn_weight, angle)
     return tuple(found)
+
+
+def _held(wish: SiteConstraint, pose: Pose) -> SiteConstraint | None:
+    """Return what of a wish does not move: all, or the orientation of what is free to move."""
+    if not wish.free:
+        return wish
+    if wish.quat is None:
+        return None
+    quat = wish.quat
+    if "yaw" in wish.free:
+        site = pose.site_xmat[wish.frames, site_id(pose.model, wish.site)]
+        turn = multiply(from_matrix(site), conjugate(quat))
+        # All frames turn by the same angle: that of the mean of their turns.
+        yaw = 2.0 * np.arctan2(*(turn * np.sign(turn[:, :1] + 1e-12)).mean(axis=0)[[3, 0]])
+        quat = multiply(yaw_quat(yaw), quat)
+    return dataclasses.replace(wish, position=None, quat=quat, free=())
+
+
+def _angle(one: Array, other: Array) -> Array:
+    """Return the angles [rad] between orientations (..., 3, 3), exact at any angle."""
+    between = np.swapaxes(one, -1, -2) @ other
+    # A turn's trace holds the cosine of its angle and its skew part the sine.
+    skew = between - between.swapaxes(-1, -2)
+    sine = np.linalg.norm(skew, axis=(-1, -2)) / np.sqrt(8.0)
+    return np.asarray(np.arctan2(sine, (np.trace(between, axis1=-2, axis2=-1) - 1.0) / 2.0))
+
+
+def _turned(name: str, frames: NDArray[np.int64], weight: Array, angle: Array) -> list[Missed]:
+    """Return an orientation, if it is missed at any of the frames (n,) where it is exact."""
+    bad = (weight == 1.0) & (angle > TURN_TOLERANCE)
+    if not bad.any():
+        return []
+    degrees = float(np.degrees(angle[bad].max()))
+    return [Missed(name, tuple(frames[bad].tolist()), None, degrees, own=True)]
 
 
 def all_missed(
