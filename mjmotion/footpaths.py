@@ -13,7 +13,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.footholds import Foot, Foothold, Stance, carried
 from mjmotion.kinematics import Pose, site_id
@@ -179,8 +179,9 @@ def free_footholds(
     return moves
 
 
-def ease(s: Array) -> Array:
-    """Return a smooth rise from 0 to 1 for s in [0, 1], level at both ends."""
+def ease(share: ArrayLike) -> Array:
+    """Return a smooth rise from 0 to 1 for shares in [0, 1], level at both ends."""
+    s = np.asarray(share, dtype=np.float64)
     return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s * s))
 
 

@@ -114,9 +114,9 @@ class Targets:
     @property
     def turning(self) -> bool:
         """Whether anything is to turn, or to face a point, without a position that says how far."""
+        kinds: tuple[Targets | Link, ...] = (self, *self.links)
         return bool(self.gazes) or any(
-            ((one.turn_weight > 0.0) & (one.position_weight == 0.0)).any()
-            for one in (self, *self.links)
+            ((one.turn_weight > 0.0) & (one.position_weight == 0.0)).any() for one in kinds
         )
 
     @property
