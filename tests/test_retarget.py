@@ -18,6 +18,7 @@ from mjmotion.clips import load_clip
 from mjmotion.constraints import SiteConstraint
 from mjmotion.contacts import Contact, detect_contacts
 from mjmotion.exceptions import ConstraintError, ContactError, FitError, ModelError
+from mjmotion.kinematics import Kinematics
 from mjmotion.limits import limit_excess
 from mjmotion.motion import Motion
 from mjmotion.retarget import (
@@ -26,15 +27,19 @@ from mjmotion.retarget import (
     held_shift,
     hold_constraints,
     leg_ratio,
+    map_bones,
     mid_hips,
     retarget,
+    with_soles,
 )
+from mjmotion.retarget.rest import rest_of, world
 from mjmotion.rotations import exp, log
 from mjmotion.scene import compose, load_character, load_scene, scene_of
 from mjmotion.validation import validate
 
 MOCAP = Path(__file__).parents[2] / "shared" / "mocap" / "bvh"
 G1 = Path(__file__).parents[2] / "shared" / "robots" / "unitree_g1" / "g1.xml"
+NEEDS_G1 = pytest.mark.skipif(not G1.is_file(), reason="needs ../shared/robots/unitree_g1")
 
 
 @cache
@@ -215,10 +220,53 @@ def test_joints_that_mean_something_else_are_not_copied() -> None:
     turned.body("left_shank").quat = (0.0, 0.0, 0.0, 1.0)
     with pytest.raises(ModelError, match="'left_knee' turns about other axes"):
         copy_joints(standing(), turned.compile())
-    if not G1.is_file():
-        pytest.skip("needs ../shared/robots")
+
+
+@NEEDS_G1
+def test_joints_of_another_make_are_not_copied() -> None:
+    model = mujoco.MjModel.from_xml_path(str(G1))
     with pytest.raises(ModelError, match="the motion has no joints left_hip_pitch_joint"):
-        retarget(standing(), G1)
+        copy_joints(standing(), model)
+
+
+@NEEDS_G1
+def test_steps_reach_every_figure_on_a_robot_of_hinges() -> None:
+    result = retarget(steps(), G1, stride="scale")
+    validation = validate(result.source, result.motion, result.contacts)
+    assert validation.broken() == []
+
+
+@NEEDS_G1
+def test_bones_point_where_the_motions_bones_point() -> None:
+    motion = steps()
+    spec = with_soles(load_character(G1))
+    mapped = map_bones(motion, spec)
+    rests = rest_of(motion.model), rest_of(mapped.model)
+    for limb in ("left_leg", "right_leg", "left_arm", "right_arm"):
+        ways = []
+        for one, rest in zip((motion, mapped), rests, strict=True):
+            pose = Kinematics(one.model, one.nframe).forward(one.qpos)
+            line = [world(pose, *joint) for joint in rest.joints(rest.limbs[limb])]
+            bones = np.stack((line[1] - line[0], line[2] - line[1]), axis=1)
+            ways.append(bones / np.linalg.norm(bones, axis=2, keepdims=True))
+        angle = np.arccos(np.clip((ways[0] * ways[1]).sum(axis=2), -1.0, 1.0))
+        assert np.degrees(np.median(angle)) < 8.0, limb
+        assert np.degrees(angle.max()) < 25.0, limb
+    assert limit_excess(mapped.model, mapped.qpos).max() < 1e-9
+
+
+@NEEDS_G1
+def test_a_robot_gets_sites_on_its_soles() -> None:
+    spec = with_soles(load_character(G1))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    heel, toe = data.site("left_heel").xpos, data.site("left_toe").xpos
+    assert 0.15 < toe[0] - heel[0] < 0.25 and toe[2] == pytest.approx(heel[2], abs=1e-9)
+    assert data.site("left_toe").xpos[1] == pytest.approx(-data.site("right_toe").xpos[1], abs=1e-3)
+    # Those that are there stay: the robot's own left_foot, the humanoid's all.
+    assert model.nsite == mujoco.MjModel.from_xml_path(str(G1)).nsite + 4
+    assert with_soles(load_character("humanoid")).to_xml() == load_character("humanoid").to_xml()
 
 
 def test_joints_that_only_the_other_body_has_stay_at_rest() -> None:

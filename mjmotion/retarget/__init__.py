@@ -13,6 +13,7 @@ The pieces are there on their own, for motions whose constraints are given:
 from mjmotion.retarget.copying import carry_root, copy_joints, leg_ratio, mid_hips
 from mjmotion.retarget.holding import check_span, held_shift, hold_constraints
 from mjmotion.retarget.moving import STRIDES, plan_retarget, retarget
+from mjmotion.retarget.roles import map_bones, with_soles
 from mjmotion.retarget.strides import Placed, Strides
 
 __all__ = [
@@ -25,7 +26,9 @@ __all__ = [
     "held_shift",
     "hold_constraints",
     "leg_ratio",
+    "map_bones",
     "mid_hips",
     "plan_retarget",
     "retarget",
+    "with_soles",
 ]

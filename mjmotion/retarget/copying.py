@@ -6,6 +6,8 @@ guess = carry_root(motion, guess, about)  # the hips as high as the longer legs 
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +70,16 @@ def copy_joints(motion: Motion, model: mujoco.MjModel) -> Motion:
             lacking.append(name)
     _check_lacking(model, lacking)
     return Motion(model, qpos, motion.fps)
+
+
+@lru_cache(maxsize=16)
+def same_joints(model: mujoco.MjModel, other: mujoco.MjModel) -> bool:
+    """Return whether angles of one model's joints can be copied to another: :func:`copy_joints`."""
+    try:
+        copy_joints(Motion(model, model.qpos0[None], 1.0), other)
+    except ModelError:
+        return False
+    return True
 
 
 def carry_root(motion: Motion, guess: Motion, about: Array, scale: float, support: Array) -> Motion:
@@ -176,4 +188,4 @@ def _check_lacking(model: mujoco.MjModel, lacking: list[str]) -> None:
         )
 
 
-__all__ = ["carry_root", "copy_joints", "leg_ratio", "mid_hips"]
+__all__ = ["carry_root", "copy_joints", "leg_ratio", "mid_hips", "same_joints"]

@@ -1,6 +1,7 @@
 """Retargeting: a motion moves to a character of other proportions, its contacts kept.
 
-Joint angles are copied; the root is carried as high as the other legs hold it (§4.5), and sinks
+Joint angles are copied, or, where the other body has other joints, found such that its bones point
+where the motion's do; the root is carried as high as the other legs hold it (§4.5), and sinks
 where one would not reach; feet get paths through the spots they stood on, or through spots as far
 apart as the other legs are long; hands keep what they hold. Then the same fit as everywhere.
 """
@@ -25,10 +26,11 @@ from mjmotion.footpaths import FootPath
 from mjmotion.ik.solver import default_weights
 from mjmotion.kinematics import Kinematics, character_geoms
 from mjmotion.motion import Motion
-from mjmotion.planning import Plan, drop, mean_shift, place, shifted
-from mjmotion.retarget.copying import carry_root, copy_joints, leg_ratio
+from mjmotion.planning import Plan, mean_shift, place, shifted
+from mjmotion.retarget.copying import carry_root, copy_joints, leg_ratio, same_joints
 from mjmotion.retarget.holding import check_span, held_shift, hold_constraints
-from mjmotion.retarget.reaching import reach_of, roll_on
+from mjmotion.retarget.reaching import Legs
+from mjmotion.retarget.roles import map_bones, with_soles
 from mjmotion.retarget.strides import Strides
 from mjmotion.scene import Scene, compose, load_character, load_scene
 from mjmotion.scene.ground import Ground
@@ -71,23 +73,26 @@ def retarget(
       progress: called with the name of each stage as it begins.
 
     Returns:
-      ``source`` is the motion with its joint angles copied, before the fit.
+      ``source`` is the motion with its joint angles copied, before the fit. A body whose joints
+      are others, such as a robot's, gets angles by the roles of its bones, and sites on its
+      soles where it lacks them.
 
     Raises:
-      ModelError: a character whose joints the motion does not have, or without what it stands on.
+      ModelError: a character without legs, soles or knees, or without a site that stands.
       ContactError: nothing holds: no contacts and no constraints.
       SceneError, ConstraintError, FitError: bad input.
     """
     say = progress or (lambda stage: None)
     where = scene if isinstance(scene, Scene) else load_scene(scene)
     body = load_character(to)
+    if not same_joints(motion.model, body.compile()):
+        body = with_soles(body)
     say("contacts and footholds")
-    model = body.compile()
-    what, held = plan_retarget(motion, model, where, stride, contacts, constraints)
+    what, held = plan_retarget(motion, body, where, stride, contacts, constraints)
     return carry_out(
         *(what, compose(body, where), body),
         constraints=[*held, *constraints],
-        weights=_planned_root(model) if what.paths else default_weights(model),
+        weights=_rigidity(what.source.model, bool(what.paths)),
         levels=levels,
         tolerance=tolerance,
         ik=ik,
@@ -97,7 +102,7 @@ def retarget(
 
 def plan_retarget(
     motion: Motion,
-    model: mujoco.MjModel,
+    body: mujoco.MjSpec,
     scene: Scene,
     stride: str = "keep",
     contacts: Sequence[Contact] | None = None,
@@ -107,7 +112,7 @@ def plan_retarget(
 
     Args:
       motion: the motion on its own character.
-      model: the other character, alone.
+      body: the other character, alone.
       scene: where it is to be.
       stride: ``"keep"`` or ``"scale"``.
       contacts: who stands or holds when; those of heels and toes are found without.
@@ -126,7 +131,11 @@ def plan_retarget(
         if contacts is None
         else check_contacts(contacts, motion.model, motion.nframe)
     )
-    guess = copy_joints(motion, model)
+    model = body.compile()
+    if same_joints(motion.model, model):
+        guess = copy_joints(motion, model)
+    else:
+        guess = map_bones(motion, body).on(model)
     found = check_contacts(found, model, motion.nframe)
     if not found and not constraints:
         raise ContactError(
@@ -149,16 +158,16 @@ def plan_retarget(
     placed = strides.place(guess, Ground(scene), float(scene.start_pos[2]))
     pose = Kinematics(model, guess.nframe).forward(guess.qpos)
     feet = strides.standing_feet
-    mean = mean_shift(guess, placed.moved)
-    reach = reach_of(guess, pose, placed.paths, mean)
+    legs, mean = Legs(guess, pose), mean_shift(guess, placed.moved)
+    reach = legs.reach(feet, placed.paths, mean)
 
     def sunk(paths: Sequence[FootPath], share: float = 1.0) -> Array:
-        down = drop(guess, pose, paths, mean, reach)
-        return mean - share * down[:, None] * np.array((0.0, 0.0, 1.0))
+        down = share * legs.sinking(feet, paths, mean, reach)
+        return mean - down[:, None] * np.array((0.0, 0.0, 1.0))
 
     # What is lacking is shared: heels rise for one half, and the hips sink for what is left.
     half = sunk(placed.paths, 0.5)
-    paths = roll_on(guess, pose, feet, placed.paths, half, standing, reach)
+    paths = legs.roll_on(feet, placed.paths, half, standing, reach)
     shift = sunk(paths)
     given, left = give(shifted(guess, shift), feet, paths, found)
     if given != paths:
@@ -168,10 +177,10 @@ def plan_retarget(
     return Plan(guess, found, paths, strides.spots, placed.footholds, shift, obstacles), held
 
 
-def _planned_root(model: mujoco.MjModel) -> Array:
-    """Return rigidities (nv,) for a root that goes where it was carried, but may turn."""
+def _rigidity(model: mujoco.MjModel, carried: bool) -> Array:
+    """Return rigidities (nv,): a root that goes where its legs carried it, but may turn."""
     weights = default_weights(model)
-    weights[:3] *= ROOT_STIFFNESS
+    weights[:3] *= ROOT_STIFFNESS if carried else 1.0
     return weights
 
 

@@ -10,18 +10,19 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.contacts import Contact, contact_mask
 from mjmotion.footholds import Foot
 from mjmotion.footpaths import FootPath
-from mjmotion.ik.limb import find_limbs, limbs_of
 from mjmotion.kinematics import Pose, site_id
 from mjmotion.motion import Motion
-from mjmotion.planning import REACH_FREE, REACH_MOST, drop
+from mjmotion.planning import DROP_TIME, REACH_FREE, REACH_MOST
+from mjmotion.retarget.rest import rest_of, world
 from mjmotion.rotations import cross, dot, exp, multiply, normalized, rotate
-from mjmotion.smoothing import envelope
+from mjmotion.smoothing import cover, envelope
 
 Array = NDArray[np.float64]
 
@@ -34,80 +35,139 @@ OFF_SHARE = 0.5  # share of the swing after in which that may fade
 _LEVER = 0.4  # a foot is tipped where that brings its ankle nearer by this share of its length
 
 
-def reach_of(
-    source: Motion, pose: Pose, paths: Sequence[FootPath], shift: Array
-) -> tuple[float, float]:
-    """Return the shares of a leg's length that steps may ask for, often and at most.
-
-    Those of every plan where the legs are long enough; less where they are short for the steps.
+class Legs:
+    """Hips and ankles of a motion, for legs of any make.
 
     Args:
-      source: joint angles copied, the root carried over.
+      source: joint angles on the body, the root carried over.
       pose: its poses.
-      paths: where the feet are to be.
-      shift: (nframe, 3) how far the root is moved [m].
     """
-    lack = float(drop(source, pose, paths, shift).max())
-    share = np.interp(lack / _leg_length(source), SHORT, (0.0, 1.0))
-    low, high = REACH_FREE, REACH_MOST
-    return float(low + share * (EASY[0] - low)), float(high + share * (EASY[1] - high))
 
+    def __init__(self, source: Motion, pose: Pose) -> None:
+        self.source, self._pose = source, pose
+        rest = rest_of(source.model)
+        self._rest = rest
+        self._legs = {body: leg for leg in rest.parts.legs for body in leg.end}
 
-def roll_on(
-    source: Motion,
-    pose: Pose,
-    feet: Sequence[Foot],
-    paths: Sequence[FootPath],
-    shift: Array,
-    contacts: Sequence[Contact],
-    reach: tuple[float, float],
-) -> tuple[FootPath, ...]:
-    """Return paths whose feet roll on over the toe where the leg behind would not reach.
+    def length(self, foot: Foot) -> float:
+        """Return the length of a foot's leg when straight [m]."""
+        leg = self._legs[foot.body]
+        return float(np.linalg.norm(np.diff(leg.points, axis=0), axis=1).sum())
 
-    Args:
-      source: joint angles copied, the root carried over.
-      pose: its poses.
-      feet: the feet of the paths.
-      paths: where they are to be.
-      shift: (nframe, 3) how far the root is moved [m].
-      contacts: who stands when: a heel that stands does not rise.
-      reach: shares of a leg's length, of :func:`reach_of`.
-    """
-    from scipy.ndimage import distance_transform_edt
+    def hip(self, foot: Foot) -> Array:
+        """Return the hip (nframe, 3) [m]."""
+        return world(self._pose, *self._rest.joints(self._legs[foot.body])[0])
 
-    limbs = {limb.end: limb for limb in find_limbs(source.model)}
-    rolled = []
-    for foot, path in zip(feet, paths, strict=True):
-        limb = limbs.get(foot.body)
-        if limb is None:
-            rolled.append(path)
-            continue
-        model = source.model
-        hip = pose.xanchor[:, model.body_jntadr[limb.upper]] + shift
-        joint = model.body_jntadr[limb.end]
-        local = model.jnt_pos[joint] - model.site_pos[site_id(model, foot.site)]
-        ankle = path.position + rotate(path.quat, np.broadcast_to(local, path.position.shape))
-        toe = path.position + rotate(path.quat, foot.toe)
-        away = ankle - hip
-        far = np.linalg.norm(away, axis=1)
-        across = rotate(path.quat, np.array((0.0, 1.0, 0.0)))
-        arm = ankle - toe
-        nearer = -dot(cross(across, arm), normalized(away))
-        behind = dot(away, rotate(path.quat, np.array((1.0, 0.0, 0.0)))) < 0.0
-        useful = behind & (nearer > _LEVER * np.linalg.norm(arm, axis=1))
-        long = float(limbs_of(model, (limb,)).reach[0])
-        was = np.linalg.norm(pose.xanchor[:, joint] - hip + shift, axis=1)
-        lack = far - np.clip(was, reach[0] * long, reach[1] * long)
-        need = np.where(useful, lack / np.maximum(nearer, 1e-9), -np.inf)
-        free = _rolling(foot, contacts, source)
-        # A foot cannot have rolled far at once: a tip is bounded by how long it may have risen.
-        apart = distance_transform_edt(free) / source.fps
-        most = TIP_MOST * np.minimum(1.0, apart / TIP_RISE) ** 2
-        tip = envelope(np.minimum(need, most), ~free, TIP_TIME * source.fps)
-        zero = np.zeros_like(tip)
-        quat = multiply(path.quat, exp(np.stack((zero, tip, zero), axis=-1)))
-        rolled.append(dataclasses.replace(path, quat=quat, position=toe - rotate(quat, foot.toe)))
-    return tuple(rolled)
+    def extent(self, foot: Foot) -> Array:
+        """Return the distance from hip to ankle (nframe,) [m]."""
+        ankle = world(self._pose, *self._rest.joints(self._legs[foot.body])[2])
+        return np.asarray(np.linalg.norm(ankle - self.hip(foot), axis=1))
+
+    def ankle(self, foot: Foot, path: FootPath) -> Array:
+        """Return where a path has the ankle (nframe, 3) [m]."""
+        model, rest = self.source.model, self._rest
+        site = site_id(model, foot.site)
+        turn = np.empty(9)
+        mujoco.mju_quat2Mat(turn, model.site_quat[site])
+        place = rest.local(foot.body, self._legs[foot.body].points[2]) - model.site_pos[site]
+        local = turn.reshape(3, 3).T @ place
+        return path.position + rotate(path.quat, np.broadcast_to(local, path.position.shape))
+
+    def sinking(
+        self,
+        feet: Sequence[Foot],
+        paths: Sequence[FootPath],
+        shift: Array,
+        reach: tuple[float, float] = (REACH_FREE, REACH_MOST),
+    ) -> Array:
+        """Return how far the root must go down for every foot to be in reach (nframe,) [m].
+
+        Args:
+          feet: the feet of the paths.
+          paths: where they are to be.
+          shift: (nframe, 3) how far the root is moved already [m].
+          reach: shares of a leg's length: that may always be asked for, and that may be asked for
+            where the motion did.
+        """
+        need = np.full(self.source.nframe, -np.inf)
+        for foot, path in zip(feet, paths, strict=True):
+            if foot.body not in self._legs:
+                continue
+            most = self.most(foot, reach)
+            apart = self.hip(foot) + shift - self.ankle(foot, path)
+            flat = np.linalg.norm(apart[:, :2], axis=1)
+            least = 0.5 * self.length(foot)
+            need = np.maximum(need, apart[:, 2] - np.sqrt(np.maximum(most**2 - flat**2, least**2)))
+        return cover(need, DROP_TIME * self.source.fps)
+
+    def most(self, foot: Foot, reach: tuple[float, float]) -> Array:
+        """Return how far an ankle may be from its hip (nframe,) [m]."""
+        low, high = (share * self.length(foot) for share in reach)
+        return np.clip(self.extent(foot), low, high)
+
+    def reach(
+        self, feet: Sequence[Foot], paths: Sequence[FootPath], shift: Array
+    ) -> tuple[float, float]:
+        """Return the shares of a leg's length that steps may ask for, often and at most.
+
+        Those of every plan where the legs are long enough; less where they are short for the steps.
+
+        Args:
+          feet: the feet of the paths.
+          paths: where they are to be.
+          shift: (nframe, 3) how far the root is moved [m].
+        """
+        lengths = [self.length(foot) for foot in feet if foot.body in self._legs]
+        lack = float(self.sinking(feet, paths, shift).max()) / min(lengths, default=np.inf)
+        share = np.interp(lack, SHORT, (0.0, 1.0))
+        low, high = REACH_FREE, REACH_MOST
+        return float(low + share * (EASY[0] - low)), float(high + share * (EASY[1] - high))
+
+    def roll_on(
+        self,
+        feet: Sequence[Foot],
+        paths: Sequence[FootPath],
+        shift: Array,
+        contacts: Sequence[Contact],
+        reach: tuple[float, float],
+    ) -> tuple[FootPath, ...]:
+        """Return paths whose feet roll on over the toe where the leg behind would not reach.
+
+        Args:
+          feet: the feet of the paths.
+          paths: where they are to be.
+          shift: (nframe, 3) how far the root is moved [m].
+          contacts: who stands when: a heel that stands does not rise.
+          reach: shares of a leg's length, of :meth:`reach`.
+        """
+        from scipy.ndimage import distance_transform_edt
+
+        rolled, fps = [], self.source.fps
+        for foot, path in zip(feet, paths, strict=True):
+            if foot.body not in self._legs:
+                rolled.append(path)
+                continue
+            ankle = self.ankle(foot, path)
+            toe = path.position + rotate(path.quat, foot.toe)
+            away = ankle - self.hip(foot) - shift
+            across = rotate(path.quat, np.array((0.0, 1.0, 0.0)))
+            arm = ankle - toe
+            nearer = -dot(cross(across, arm), normalized(away))
+            behind = dot(away, rotate(path.quat, np.array((1.0, 0.0, 0.0)))) < 0.0
+            useful = behind & (nearer > _LEVER * np.linalg.norm(arm, axis=1))
+            lack = np.linalg.norm(away, axis=1) - self.most(foot, reach)
+            need = np.where(useful, lack / np.maximum(nearer, 1e-9), -np.inf)
+            free = _rolling(foot, contacts, self.source)
+            # A foot cannot have rolled far at once: a tip is bounded by how long it may have risen.
+            apart = distance_transform_edt(free) / fps
+            most = TIP_MOST * np.minimum(1.0, apart / TIP_RISE) ** 2
+            tip = envelope(np.minimum(need, most), ~free, TIP_TIME * fps)
+            zero = np.zeros_like(tip)
+            quat = multiply(path.quat, exp(np.stack((zero, tip, zero), axis=-1)))
+            rolled.append(
+                dataclasses.replace(path, quat=quat, position=toe - rotate(quat, foot.toe))
+            )
+        return tuple(rolled)
 
 
 def _rolling(foot: Foot, contacts: Sequence[Contact], motion: Motion) -> NDArray[np.bool_]:
@@ -121,12 +181,3 @@ def _rolling(foot: Foot, contacts: Sequence[Contact], motion: Motion) -> NDArray
         stop = start + int(np.argmax(~swing[start:])) if (~swing[start:]).any() else len(swing)
         free[start : start + round(OFF_SHARE * (stop - start))] = True
     return free
-
-
-def _leg_length(motion: Motion) -> float:
-    """Return the reach of the shortest limb that is a leg [m]; infinite where there is none."""
-    from mjmotion.character import find_parts
-
-    ends = {body for leg in find_parts(motion.model).legs for body in leg.end}
-    legs = [limb for limb in find_limbs(motion.model) if limb.end in ends]
-    return float(limbs_of(motion.model, tuple(legs)).reach.min()) if legs else np.inf
