@@ -256,6 +256,15 @@ def test_bones_point_where_the_motions_bones_point() -> None:
 
 
 @NEEDS_G1
+def test_which_way_a_body_faces_at_rest_does_not_matter() -> None:
+    turned = load_character(G1)
+    turned.body("pelvis").quat = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
+    motions = [map_bones(steps(), with_soles(spec)) for spec in (load_character(G1), turned)]
+    np.testing.assert_allclose(rest_of(motions[1].model).forward, (0, 1, 0), atol=1e-9)
+    np.testing.assert_allclose(motions[1].qpos, motions[0].qpos, atol=1e-9)
+
+
+@NEEDS_G1
 def test_a_robot_gets_sites_on_its_soles() -> None:
     spec = with_soles(load_character(G1))
     model = spec.compile()
