@@ -13,9 +13,13 @@ from mjmotion.coupling import Coupling, coupling
 from mjmotion.ik.edges import Edges
 from mjmotion.ik.limb import Limbs, LimbState
 from mjmotion.kinematics import body_dofs, body_pose
-from mjmotion.rotations import cross, rotate, to_matrix
+from mjmotion.limits import ball_limits, swing_twist
+from mjmotion.rotations import cross, exp, multiply, rotate, to_matrix
 
 Array = NDArray[np.float64]
+
+_OVER = 1e-4  # out of its range by more than this, a joint needs a solver that knows it [rad]
+_STRAIGHT = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -73,6 +77,7 @@ class Base:
         state: LimbState,
         weights: Array,
     ) -> None:
+        self._model = model
         # (nlimb, nbase) which of them carry which limb
         carried = np.stack([body_dofs(model, limb.base) for limb in limbs.limbs])
         self.dofs = np.flatnonzero(carried.any(axis=0))
@@ -135,6 +140,23 @@ class Base:
     def spread(self, parameters: Array) -> Array:
         """Return displacements (n, m) of :attr:`dofs` for parameters (n, nbase)."""
         return parameters if self._fold is None else parameters @ self._fold.T
+
+    def beyond(self, qpos: Array, displacement: Array) -> NDArray[np.bool_]:
+        """Return the frames (n,) in which a displacement (n, nv) takes a joint out of its range."""
+        model, out = self._model, np.zeros(len(qpos), dtype=bool)
+        for joint in np.unique(model.dof_jntid[self.dofs]):
+            dof, at = model.jnt_dofadr[joint], model.jnt_qposadr[joint]
+            box = ball_limits(model).get(int(joint))
+            if box is not None:
+                turn = exp(displacement[:, dof : dof + 3])
+                value = swing_twist(multiply(qpos[:, at : at + 4], turn))
+            elif model.jnt_limited[joint] and model.jnt_type[joint] in _STRAIGHT:
+                box = model.jnt_range[joint][None]
+                value = (qpos[:, at] + displacement[:, dof])[:, None]
+            else:
+                continue
+            out |= ((value < box[:, 0] - _OVER) | (value > box[:, 1] + _OVER)).any(axis=1)
+        return out
 
     def gather(self, displacement: Array) -> Array:
         """Return the parameters (n, nbase) of displacements (n, m) of :attr:`dofs`."""

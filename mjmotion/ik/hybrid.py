@@ -13,9 +13,10 @@ swivel a limb: 8 numbers for a walk instead of 20. Each solve is one Gauss–New
 T and its normal matrix are kept from level to level once the errors are small (a chord step): z
 decides only how a displacement is shared, d0 closes the limbs whatever it is.
 
-Frames that break an inequality, or hold a site that is on no limb's end, need every joint and not
-only these; they are few, and go to the numeric solver. So do limbs with coupled joints (§4.2), and
-all where a coupled joint of the body has its like elsewhere.
+Frames that break an inequality, hold a site that is on no limb's end, or bend the body further than
+its joints go, need every joint and not only these; they are few, and go to the numeric solver. So
+do limbs with coupled joints (§4.2), and all where a coupled joint of the body has its like
+elsewhere.
 """
 
 from __future__ import annotations
@@ -104,6 +105,7 @@ class HybridIK:
                 )
             displacement[:, base.dofs] = base.spread(body)
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
+            other = other | base.beyond(qpos, displacement)
         if inequalities is not None:
             other = other.copy()
             other[inequalities(qpos, targets.frames).frame] = True
