@@ -31,11 +31,19 @@ _SUFFIXES = ("_heel", "_toe")
 
 @dataclasses.dataclass(frozen=True)
 class Contact:
-    """One site standing on something from frame ``start`` up to, not including, frame ``end``."""
+    """One site standing on something from frame ``start`` up to, not including, frame ``end``.
+
+    Heels and toes stand on ground; any other site, such as a hand, holds on to what is there.
+    """
 
     site: str
     start: int
     end: int
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is a heel's or a toe's, which stand on ground."""
+        return self.site.endswith(_SUFFIXES)
 
 
 @dataclasses.dataclass(frozen=True)

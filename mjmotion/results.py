@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import mujoco
 
 from mjmotion.assets import find_asset
-from mjmotion.clips import load_clip
+from mjmotion.clips import builtin_contacts, load_clip
 from mjmotion.contacts import Contact, load_contacts, save_contacts
 from mjmotion.exceptions import MotionError, OutputError, RenderError
 from mjmotion.morph import MorphBody, body_of
@@ -298,7 +298,7 @@ def read_motion(
         return Given(results.motion, results.contacts, path / MODEL)
     file = find_asset("model", character or "humanoid")
     motion = load_clip(what, load_model(file), mapping=mapping, fps=fps)
-    return Given(motion, None, file)
+    return Given(motion, builtin_contacts(str(what)), file)
 
 
 def load_model(path: str | Path) -> mujoco.MjModel:

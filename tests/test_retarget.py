@@ -339,9 +339,21 @@ def test_the_command_writes_a_result_that_can_be_retargeted_again(tmp_path: Path
     assert np.linalg.norm(again.qpos[-1, :2] - again.qpos[0, :2]) == pytest.approx(went, rel=0.02)
 
 
+def test_hands_and_feet_of_the_climb_keep_what_they_hold(tmp_path: Path) -> None:
+    out = tmp_path / "climb"
+    done = run("climb", "--to", "climber", "--out", out, "--no-video")
+    assert done.returncode == 0, done.stderr
+    contacts = json.loads((out / "contacts.json").read_text("utf-8"))
+    assert {one["site"] for one in contacts} >= {"left_hand", "right_hand", "left_foot"}
+    metrics = json.loads((out / "report.json").read_text("utf-8"))["metrics"]
+    assert metrics["stance_drift_mm"] <= 1.0
+    assert metrics["stance_gap_max_mm"] is None  # what is held is no ground
+
+
 @pytest.mark.parametrize(
     ("words", "line"),
     [
+        (["climb", "--to", "child"], "out of reach"),
         (["walk", "--to", "nobody"], "unknown model 'nobody'"),
         (["wlak", "--to", "climber"], "unknown clip 'wlak'"),
         (["walk", "--to", "climber", "--stride", "long"], "invalid choice: 'long'"),

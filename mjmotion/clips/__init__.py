@@ -19,6 +19,7 @@ from mjmotion.clips.mapping import Mapped, map_clip, to_motion
 from mjmotion.clips.rig import ROLES, Rig, find_rig
 from mjmotion.clips.skeleton import Clip
 from mjmotion.clips.table import read_csv, write_csv
+from mjmotion.contacts import Contact
 from mjmotion.exceptions import ClipError, unknown_name
 from mjmotion.motion import Motion
 
@@ -28,6 +29,7 @@ __all__ = [
     "Mapped",
     "Rig",
     "builtin_clips",
+    "builtin_contacts",
     "find_rig",
     "load_clip",
     "map_clip",
@@ -48,6 +50,18 @@ def builtin_clips() -> dict[str, Callable[[mujoco.MjModel], Motion]]:
     from mjmotion.clips.gait import BUILTIN
 
     return {**BUILTIN, "climb": make_climb}
+
+
+def builtin_contacts(name: str) -> tuple[Contact, ...] | None:
+    """Return who holds on to what and when in a built-in clip, where that cannot be seen in it.
+
+    The climb's hands and feet hold a rope; heels and toes that stand are found in a motion.
+    """
+    if name != "climb":
+        return None
+    from mjmotion.clips.climb import climb_contacts
+
+    return climb_contacts()
 
 
 def read_clip(path: str | Path, *, fps: float | None = None) -> Clip:

@@ -179,9 +179,10 @@ class _Validator:
             )
         columns = np.array([column[self.model.site(c.site).id] for c in self.contacts])[which]
         gaps, on_field = gap[frame, columns] * _MM, soft[frame, columns]
+        stands = np.array([contact.stands for contact in self.contacts])[which]
         for name, group, share in (
-            ("stance_gap_max_mm", ~on_field, 100.0),
-            ("stance_gap_hfield_p95_mm", on_field, 95.0),
+            ("stance_gap_max_mm", stands & ~on_field, 100.0),
+            ("stance_gap_hfield_p95_mm", stands & on_field, 95.0),
         ):
             if group.any():
                 value = gaps[group].max() if share == 100 else np.percentile(gaps[group], share)
