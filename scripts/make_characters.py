@@ -19,11 +19,12 @@ DECIMALS = 6  # of every number in the files
 # Figure 5c of Lee and Shin (1999): "longer legs and shorter body and arms".
 CLIMBER = Proportions(legs=1.25, torso=0.8, arms=0.85)
 
-# A child of six, in round figures: stature 1.16 m and mass 21 kg as the medians of the CDC growth
-# charts (2000); sitting height 0.547 of stature, against 0.52 of adults, after Fredriks et al.,
-# Arch. Dis. Child. 90 (2005); head 0.195 m from chin to crown, foot 0.178 m after Snyder et al.,
-# Anthropometry of Infants, Children and Youths to Age 18 (1977). Our adult has 1.75, 0.52, 0.228
-# and 0.255 m. The mass is not set: 21.2 kg come out.
+# A child of six, in round figures near those of the works named, not copied from their tables:
+# stature 1.16 m and mass 21 kg as the medians of the CDC growth charts (2000); sitting height
+# 0.547 of stature, against 0.52 of adults, after Fredriks et al., Arch. Dis. Child. 90 (2005);
+# head 0.195 m from chin to crown, foot 0.178 m after Snyder et al., Anthropometry of Infants,
+# Children and Youths to Age 18 (1977). Our adult has 1.75, 0.52, 0.228 and 0.255 m. The mass is
+# not set: 21.2 kg come out.
 STATURE, SITTING, HEAD, FOOT = 1.16, 0.547, 0.195, 0.178
 ADULT_STATURE, ADULT_SITTING, ADULT_HEAD, ADULT_FOOT = 1.75, 0.52, 0.228, 0.255
 # Of our adult [m]: hip over the sole, sole to ankle, hip to the neck's foot, that to the crown.
