@@ -104,6 +104,11 @@ def load_clip(
     if model is None:
         model = mujoco.MjModel.from_xml_path(str(find_asset("model", "humanoid")))
     path = Path(path_or_name)
+    if path.is_dir():
+        raise ClipError(
+            f"'{path}' is a folder: give a file of it, such as motion.npz, and the character it is"
+            " for"
+        )
     suffix = path.suffix.lower()
     if suffix == "" and not path.exists():
         names = builtin_clips()
