@@ -135,7 +135,7 @@ def check_model(model: mujoco.MjModel) -> None:
     if missing:
         raise ModelError(
             "the built-in walk needs the humanoid:"
-            f" this model lacks the joints {', '.join(missing)}; mjmotion retarget puts a walk on it"
+            f" this model lacks the joints {', '.join(missing)}; put a walk on it with retarget"
         )
     sites = {model.site(i).name for i in range(model.nsite)}
     wanted = [f"{side}_{part}" for side in SIDES for part in ("heel", "toe")]
