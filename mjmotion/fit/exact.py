@@ -12,6 +12,7 @@ from mjmotion import limits
 from mjmotion.bones import Bones
 from mjmotion.constraints import Targets
 from mjmotion.coupling import couple
+from mjmotion.fit.submap import fit_submap
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import IKSolver, default_weights
 from mjmotion.motion import Motion
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 RISE_TIME = 0.25  # over how long the root rises or sinks for a limb to reach at last [s]
 LIMIT_SLACK = 1e-5  # how far a closed limb may be out of its range before the root gives [rad]
 _EASES = 4
+_FOLLOWS = 3  # levels in which limbs follow a root that has moved
 _BETTER = 0.8  # the root gives again only while that leaves less than this share of what was over
 
 
@@ -62,6 +64,7 @@ class ExactPass:
         if solution.rise is not None and solution.rise.any():
             qpos = qpos.copy()
             qpos[:, 2] += self._spread(solution.rise)
+            qpos = self._follow(qpos)
             solution = self.solver.enforce(qpos[frames], self.targets)
         before = math.inf
         for turn in range(_EASES + 1):
@@ -74,7 +77,7 @@ class ExactPass:
             if not over.any() or turn == _EASES or worst > _BETTER * before:
                 break
             before = worst
-            qpos = self._ease(qpos, np.flatnonzero(over))
+            qpos = self._follow(self._ease(qpos, np.flatnonzero(over)))
             solution = self.solver.enforce(qpos[frames], self.targets)
         return clamped, error
 
@@ -86,6 +89,23 @@ class ExactPass:
             need[self.targets.frames] = sign * rise
             spread += sign * cover(need, RISE_TIME * self.motion.fps)
         return spread
+
+    def _follow(self, qpos: Array) -> Array:
+        """Take limbs along after a root that has moved, smoothly past where they are let go.
+
+        A hand that is held at some frames stays there; in the frames beside them it would still be
+        where the old root had it.
+        """
+        targets, nframe = self.targets, self.motion.nframe
+        held = np.maximum(targets.position_weight, targets.turn_weight) > 0.0
+        if len(held) == nframe and held.all() and not (targets.links or targets.gazes):
+            return qpos
+        for halving in range(1, _FOLLOWS + 1):
+            spacing = self.spacing / 2.0**halving
+            solution = self.solver.enforce(qpos[targets.frames], targets)
+            submap = fit_submap(self.motion.model, targets, solution, nframe, spacing, 2)
+            qpos = couple(self.motion.model, oplus(self.motion.model, qpos, submap))
+        return qpos
 
     def _ease(self, qpos: Array, rows: NDArray[np.int64]) -> Array:
         """Move the root, smoothly, where closed limbs would leave their range.
