@@ -21,7 +21,13 @@ from numpy.typing import NDArray
 
 from mjmotion.ankles import give
 from mjmotion.clearance import MARGIN, ObstacleClearance
-from mjmotion.constraints import Constraint, SiteConstraint, lay_out
+from mjmotion.constraints import (
+    Constraint,
+    LookAt,
+    RelativeConstraint,
+    SiteConstraint,
+    lay_out,
+)
 from mjmotion.contacts import Contact
 from mjmotion.exceptions import SceneError, frame_list
 from mjmotion.fit import (
@@ -229,9 +235,7 @@ def _moved_near(constraints: Sequence[Constraint], motion: Motion) -> list[Const
         if not (isinstance(one, SiteConstraint) and one.free and one.position is not None):
             continue
         (reached,) = _within_reach([one], motion)
-        if isinstance(reached, SiteConstraint) and not np.array_equal(
-            one.position, np.asarray(reached.position)
-        ):
+        if reached is not one:
             site = np.array([site_id(motion.model, one.site)])
             own = site_positions(motion.model, motion.qpos[one.frames], site)[:, 0]
             free = np.array([name in one.free for name in "xyz"])
@@ -249,23 +253,28 @@ def _within_reach(constraints: Sequence[Constraint], motion: Motion) -> list[Con
     ends = {limb.end: limb for limb in find_limbs(model)}
     pose = Kinematics(model, motion.nframe).forward(motion.qpos)
     near: list[Constraint] = []
-    for constraint in constraints:
-        if not isinstance(constraint, SiteConstraint):
-            near.append(constraint)
+    for one in constraints:
+        site = site_id(model, one.site)
+        limb = ends.get(int(model.site_bodyid[site]))
+        inside = (one.frames >= 0).all() and (one.frames < motion.nframe).all()
+        if limb is None or isinstance(one, LookAt) or one.position is None or not inside:
+            near.append(one)
             continue
-        site = model.site(constraint.site)
-        limb = ends.get(int(site.bodyid[0]))
-        inside = (constraint.frames >= 0).all() and (constraint.frames < motion.nframe).all()
-        if limb is None or constraint.position is None or not inside:
-            near.append(constraint)
-            continue
-        base = pose.xanchor[constraint.frames, model.body_jntadr[limb.upper]]
-        hand = float(np.linalg.norm(site.pos))
+        base = pose.xanchor[one.frames, model.body_jntadr[limb.upper]]
+        hand = float(np.linalg.norm(model.site_pos[site]))
         most = float(limbs_of(model, (limb,)).reach[0]) + hand + LEAN
-        away = constraint.position - base
+        origin, turn = np.zeros(3), np.eye(3)
+        if isinstance(one, RelativeConstraint):
+            to = site_id(model, one.to)
+            origin, turn = pose.site_xpos[one.frames, to], pose.site_xmat[one.frames, to]
+            other = ends.get(int(model.site_bodyid[to]))
+            if other is not None:  # which may come to meet it
+                most += 2.0 * float(limbs_of(model, (other,)).reach[0])
+        away = origin + (turn @ one.position[..., None])[..., 0] - base
         length = np.linalg.norm(away, axis=1, keepdims=True)
-        position = base + away * np.minimum(1.0, most / np.maximum(length, 1e-9))
-        near.append(dataclasses.replace(constraint, position=position))
+        wanted = base + away * np.minimum(1.0, most / np.maximum(length, 1e-9)) - origin
+        position = (np.swapaxes(turn, -1, -2) @ wanted[..., None])[..., 0]
+        near.append(dataclasses.replace(one, position=position) if (length > most).any() else one)
     return near
 
 
