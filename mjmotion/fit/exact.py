@@ -14,7 +14,7 @@ from mjmotion.constraints import Targets
 from mjmotion.coupling import couple
 from mjmotion.fit.submap import fit_submap
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.solver import IKSolver, default_weights
+from mjmotion.ik.solver import IKSolver, Solution, default_weights
 from mjmotion.motion import Motion
 from mjmotion.smoothing import cover
 from mjmotion.spline import fit_level
@@ -58,28 +58,34 @@ class ExactPass:
         Where a limb would not reach, or would leave its range, the root gives first, over more
         frames than those, so that nothing jerks.
         """
-        motion, frames = self.motion, self.targets.frames
-        solution = self.solver.enforce(qpos[frames], self.targets)
+        fitted = qpos
+        solution: Solution | None
+        solution = self.solver.enforce(qpos[self.targets.frames], self.targets)
         error = float(solution.error.max(initial=0.0))
         if solution.rise is not None and solution.rise.any():
             qpos = qpos.copy()
             qpos[:, 2] += self._spread(solution.rise)
-            qpos = self._follow(qpos)
+            solution = None
+        closed, beyond = self._closed(qpos, solution)
+        before, turn = math.inf, 0
+        # What no smooth move of the root mends stays within limits, and is reported.
+        while beyond.max() > LIMIT_SLACK and turn < _EASES and beyond.max() <= _BETTER * before:
+            before, turn = float(beyond.max()), turn + 1
+            qpos = self._ease(qpos, np.flatnonzero(beyond > LIMIT_SLACK))
+            closed, beyond = self._closed(qpos)
+        if qpos is not fitted:
+            closed, _ = self._closed(self._follow(qpos))
+        return closed, error
+
+    def _closed(self, qpos: Array, solution: Solution | None = None) -> tuple[Array, Array]:
+        """Return poses that meet the targets, within limits, and how far they were out (n,)."""
+        frames, model = self.targets.frames, self.motion.model
+        closed = qpos.copy()
+        if solution is None:
             solution = self.solver.enforce(qpos[frames], self.targets)
-        before = math.inf
-        for turn in range(_EASES + 1):
-            closed = qpos.copy()
-            closed[frames] = oplus(motion.model, qpos[frames], solution.displacement)
-            clamped = within_limits(motion, closed)
-            beyond = np.abs(clamped[frames] - closed[frames]).max(axis=1)
-            over, worst = beyond > LIMIT_SLACK, float(beyond.max())
-            # What no smooth move of the root mends stays within limits, and is reported.
-            if not over.any() or turn == _EASES or worst > _BETTER * before:
-                break
-            before = worst
-            qpos = self._follow(self._ease(qpos, np.flatnonzero(over)))
-            solution = self.solver.enforce(qpos[frames], self.targets)
-        return clamped, error
+        closed[frames] = oplus(model, qpos[frames], solution.displacement)
+        clamped = within_limits(self.motion, closed)
+        return clamped, np.abs(clamped[frames] - closed[frames]).max(axis=1)
 
     def _spread(self, rise: Array) -> Array:
         """Spread smoothly over frames (nframe,) what the root must rise or sink at some."""
