@@ -39,6 +39,7 @@ class Piece:
       figure: its number in the paper.
       caption: what is to be seen.
       command: arguments of ``mjmotion``, without ``--out``; none for the job of Table 1 itself.
+        ``{out}`` stands for the gallery's folder: a piece may go on from one before it.
       stills: when the stills are taken, as shares of the video.
       layout: of a video of its own, where the command's is not the one wanted.
     """
@@ -53,24 +54,24 @@ class Piece:
 
 PIECES = (
     Piece(
-        "edit",
-        "2",
-        "A walk changed at one frame: the pelvis sinks and the body bends forward; the frames that"
-        " seven knots cover follow.",
-        (
-            *("edit-frame", "walk", "--frame", "232", "--spacing", "12", "--levels", "4"),
-            *("--site", "pelvis", "--by", "0", "0", "-0.15"),
-            *("--site", "head_top", "--by", "0.25", "0", "-0.35"),
-        ),
-        (0.35, 0.5, 0.65),
-    ),
-    Piece(
         "original",
         "5(a)",
         "The original walk on the flat ground: start, straight, left, right, stop.",
         ("adapt", "walk", "--scene", "flat"),
         (0.05, 0.3, 0.55, 0.8),
         layout="single",
+    ),
+    Piece(
+        "edit",
+        "2",
+        "A walk changed at one frame: the pelvis sinks and the body bends forward; the frames that"
+        " seven knots cover follow.",
+        (
+            *("edit-frame", "{out}/original", "--frame", "232", "--spacing", "12", "--levels", "4"),
+            *("--site", "pelvis", "--by", "0", "0", "-0.15"),
+            *("--site", "head_top", "--by", "0.25", "0", "-0.35"),
+        ),
+        (0.35, 0.5, 0.65),
     ),
     Piece(
         "terrain",
@@ -140,7 +141,8 @@ def make(piece: Piece, out: Path, stills: Path | None) -> int:
     print(f"\n--- Figure {piece.figure}: {piece.name}", flush=True)
     more = [] if piece.layout is None else ["--no-video"]
     if piece.command:
-        code = mjmotion([*piece.command, "--out", str(folder), "--force", *more])
+        command = [part.format(out=out) for part in piece.command]
+        code = mjmotion([*command, "--out", str(folder), "--force", *more])
     else:
         code = paper_transition(folder)
     if code > 1:
@@ -212,8 +214,9 @@ def reached(folder: Path) -> str:
         parts.append(f"fitted in {1000 * report['fit_seconds']:.0f} ms")
     for name, text in (
         ("stance_drift_mm", "contacts drift {:.2f} mm at most"),
-        ("contact_drift_mm", "contacts drift {:.2f} mm at most"),
-        ("held_distance_mm", "held points stay within {:.1f} mm of the rope"),
+        ("drift_mm", "hands and feet drift {:.2f} mm at most while they hold"),
+        ("held_mm", "held points stay within {:.1f} mm of the rope"),
+        ("free_mm", "all else keeps {:.1f} mm from it"),
         ("jerk_ratio_rms", "joint jerk {:.2f} of the source's"),
     ):
         if isinstance(metrics.get(name), int | float):
@@ -221,19 +224,26 @@ def reached(folder: Path) -> str:
     return "; ".join(parts)
 
 
+def plots(folder: Path) -> list[Path]:
+    """Return the plots that a command left beside its video."""
+    return sorted(folder.glob("*.png"))
+
+
 def html(pieces: Sequence[Piece], out: Path) -> str:
     """Return the page."""
     parts = [f"<!doctype html><meta charset=utf-8><title>Gallery</title><style>{STYLE}</style>"]
     parts.append("<h1>The paper's figures</h1>")
-    for piece in pieces:
+    for piece in sorted(pieces, key=lambda piece: piece.figure):
         film = video(piece, out).relative_to(out)
-        command = "mjmotion " + " ".join((*piece.command, "--out", f"out/{piece.name}"))
+        command = " ".join(("mjmotion", *piece.command, "--out", f"out/{piece.name}"))
+        command = command.format(out="out")
         if not piece.command:
             command = "mjmotion.examples.transition.make_job().fit()"
         parts += [
             f"<h2>Figure {escape(piece.figure)}</h2><p>{escape(piece.caption)}</p>",
             f'<img src="{piece.name}.jpg" alt="{escape(piece.caption)}">',
             f'<video src="{film}" controls muted loop preload="metadata"></video>',
+            *(f'<img src="{plot.relative_to(out)}" alt="">' for plot in plots(out / piece.name)),
             f'<p class="soft">{escape(reached(out / piece.name))}<br>',
             f"<code>{escape(command)}</code></p>",
         ]
