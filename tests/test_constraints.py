@@ -10,7 +10,13 @@ import pytest
 from made_up import humanoid
 from scipy.spatial.transform import Rotation
 
-from mjmotion.constraints import SiteConstraint, lay_out, load_constraints
+from mjmotion.constraints import (
+    LookAt,
+    RelativeConstraint,
+    SiteConstraint,
+    lay_out,
+    load_constraints,
+)
 from mjmotion.exceptions import ConstraintError, ModelError
 
 GOOD = """
@@ -23,6 +29,27 @@ GOOD = """
   frames: [0, 2]
   position: [[0, 0, 1], [0, 0, 2]]
   quat: [0, 0, 0, 1]
+"""
+
+
+OTHER_KINDS = """
+- site: left_hand
+  frames: [60, 80]
+  to: pelvis
+  position: [0.0, 0.2, 0.05]
+  quat: [0, 0, 0, 3]
+  weight: 0.5
+- {site: right_hand, frames: 7, to: left_hand, quat: [1, 0, 0, 0]}
+- site: face
+  frames: [60, 62]
+  look_at: [[2, 0, 1], [3, 0, 1]]
+  axis: [0, 0, 5]
+- {site: head_top, frames: [0, 3], look_at: [2, 0, 1], weight: 0.25}
+- site: left_foot
+  frames: [10, 30]
+  position: [1, 0.1, 0]
+  quat: [1, 0, 0, 0]
+  free: [x, y, yaw]
 """
 
 
@@ -50,6 +77,30 @@ def test_yaml_and_json_read_the_same(tmp_path: Path) -> None:
     check(*load_constraints(write(tmp_path, GOOD), humanoid(), 20))
     text = json.dumps(yaml.safe_load(GOOD))
     check(*load_constraints(write(tmp_path, text, "constraints.JSON"), humanoid(), 20))
+
+
+@pytest.mark.parametrize("kind", ["yaml", "json"])
+def test_every_kind_is_read(kind: str, tmp_path: Path) -> None:
+    """A hand on the hip, one in the other hand, two gazes and a foothold that is free."""
+    import yaml
+
+    text = OTHER_KINDS if kind == "yaml" else json.dumps(yaml.safe_load(OTHER_KINDS))
+    path = write(tmp_path, text, f"constraints.{kind}")
+    hip, hands, look, mild, foot = load_constraints(path, humanoid(), 90)
+    assert isinstance(hip, RelativeConstraint) and (hip.site, hip.to) == ("left_hand", "pelvis")
+    np.testing.assert_array_equal(hip.frames, range(60, 80))
+    np.testing.assert_array_equal(hip.position, np.tile((0.0, 0.2, 0.05), (20, 1)))
+    np.testing.assert_array_equal(hip.quat, np.tile((0, 0, 0, 1), (20, 1)))
+    assert hip.weight == 0.5 and hip.nscalar == 120
+    assert isinstance(hands, RelativeConstraint) and hands.position is None
+    assert hands.to == "left_hand" and hands.frames.tolist() == [7] and hands.nscalar == 3
+    assert isinstance(look, LookAt) and look.frames.tolist() == [60, 61] and look.nscalar == 4
+    np.testing.assert_array_equal(look.point, [(2, 0, 1), (3, 0, 1)])
+    np.testing.assert_array_equal(look.axis, (0, 0, 1))
+    assert isinstance(mild, LookAt) and mild.weight == 0.25
+    np.testing.assert_array_equal(mild.axis, (1, 0, 0))
+    assert isinstance(foot, SiteConstraint) and foot.free == ("x", "y", "yaw")
+    assert not foot.contact and foot.nscalar == 120
 
 
 def test_an_empty_list_is_fine(tmp_path: Path) -> None:
@@ -80,6 +131,36 @@ BAD_FILES = {
     "no weight": ("- {site: left_hand, frames: 1, position: [0, 0, 1], weight: 0}", "weight"),
     "heavy": ("- {site: left_hand, frames: 1, position: [0, 0, 1], weight: 1.5}", "weight"),
     "weight word": ("- {site: left_hand, frames: 1, position: [0, 0, 1], weight: x}", "entry 0"),
+    "free word": (
+        "- {site: left_hand, frames: 1, position: [0, 0, 1], free: [x, roll]}",
+        "free 'roll' is none of x, y, z, yaw",
+    ),
+    "free no list": ("- {site: left_hand, frames: 1, position: [0, 0, 1], free: x}", "a list"),
+    "free of nothing": (
+        "- {site: left_hand, frames: 1, quat: [1, 0, 0, 0], free: [yaw]}",
+        "no position to move from",
+    ),
+    "free and to": (
+        "- {site: left_hand, frames: 1, to: pelvis, position: [0, 0, 1], free: [x]}",
+        "unknown key 'free'",
+    ),
+    "to nothing": ("- {site: left_hand, frames: 1, to: pelviss, position: [0, 0, 1]}", "'pelvis'"),
+    "to itself": ("- {site: left_hand, frames: 1, to: left_hand, quat: [1, 0, 0, 0]}", "two sites"),
+    "to and nothing": ("- {site: left_hand, frames: 1, to: pelvis}", "wants nothing"),
+    "to two": ("- {site: left_hand, frames: 1, to: pelvis, position: [0, 1]}", "3 numbers"),
+    "look and to": ("- {site: face, frames: 1, look_at: [0, 0, 1], to: pelvis}", "'look_at'"),
+    "look and position": (
+        "- {site: face, frames: 1, look_at: [0, 0, 1], position: [0, 0, 1]}",
+        "unknown key 'position'",
+    ),
+    "look at two": ("- {site: face, frames: 1, look_at: [0, 1]}", "point must be 3 numbers"),
+    "look at words": ("- {site: face, frames: 1, look_at: there}", "point must be 3 numbers"),
+    "look at nothing": ("- {site: face, frames: 1, look_at: null}", "point is not finite"),
+    "no axis": ("- {site: face, frames: 1, look_at: [0, 0, 1], axis: [0, 0, 0]}", "no length"),
+    "axis alone": ("- {site: face, frames: 1, axis: [0, 0, 1]}", "unknown key 'axis'"),
+    "no such face": ("- {site: faces, frames: 1, look_at: [0, 0, 1]}", "Did you mean 'face'"),
+    "look weight": ("- {site: face, frames: 1, look_at: [0, 0, 1], weight: 2}", "weight"),
+    "look late": ("- {site: face, frames: [15, 22], look_at: [0, 0, 1]}", "0 to 20"),
     "second entry": (
         "- {site: left_hand, frames: 1, position: [0, 0, 1]}\n- {site: head_top, frames: 1}",
         "entry 1",
@@ -116,6 +197,9 @@ def test_bad_json_missing_file_and_bytes(tmp_path: Path) -> None:
         ({"position": np.zeros((3, 3))}, "2 rows"),
         ({"position": (0, 0, np.inf)}, "not finite"),
         ({"quat": np.zeros(4)}, "zero"),
+        ({"free": ("x", "w")}, "free 'w'"),
+        ({"free": "yaw"}, "free 'a'"),
+        ({"free": ("x",), "position": None, "quat": (1, 0, 0, 0)}, "no position to move from"),
     ],
 )
 def test_bad_constraints(options: dict[str, object], message: str) -> None:

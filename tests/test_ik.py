@@ -20,7 +20,7 @@ from mjmotion.ik.reference import (
 )
 from mjmotion.ik.solver import Inequalities, default_weights
 from mjmotion.kinematics import Kinematics
-from mjmotion.limits import limit_excess, swing_twist
+from mjmotion.limits import limit_excess, limit_names, swing_twist
 from mjmotion.rotations import conjugate, exp, log, multiply
 from mjmotion.tangent import ominus, oplus
 
@@ -526,6 +526,73 @@ def test_least_deviation_is_a_least_norm_solution() -> None:
         root = np.sqrt(freedom[row])
         pseudo = root * (np.linalg.pinv(jacobian[row] * root) @ wanted)
         np.testing.assert_allclose(found[row], pseudo, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["numeric", "hybrid"])
+def test_a_body_at_its_limit_is_left_there(name: str) -> None:
+    """Hands so far in front that the body would bend further than its spine goes."""
+    model = humanoid()
+    qpos = np.tile(model.qpos0, (3, 1))
+    for side in ("left", "right"):
+        qpos[:, model.joint(f"{side}_elbow").qposadr[0]] = 0.3
+    at = model.joint("spine").qposadr[0]
+    qpos[:, at : at + 4] = exp(np.array((0.0, 1.25, 0.0)))  # of 1.309 that it can
+    hands = [pin(model, qpos, f"{side}_hand", (0.3, 0.0, -0.3)) for side in ("left", "right")]
+    targets = lay_out([SiteConstraint(h.site, h.frames, h.position) for h in hands], model, 3)
+    moved = oplus(model, qpos, SOLVERS[name](model).solve(qpos, targets).displacement)
+    columns = [i for i, part in enumerate(limit_names(model)) if part.startswith("spine")]
+    assert limit_excess(model, moved)[:, columns].max() < 1e-4
+    free = HybridIK(model)
+    for _ in range(8):
+        moved = oplus(model, moved, free.solve(moved, targets).displacement)
+    assert gaps(model, moved, targets)[0] < 1e-3
+    assert limit_excess(model, moved)[:, columns].max() < 1e-3
+
+
+def knees_that_lock(model: mujoco.MjModel, nframe: int) -> tuple[np.ndarray, Targets]:
+    """Feet so close under the hips that ankles would leave their range."""
+    qpos = np.tile(model.qpos0, (nframe, 1))
+    for side in ("left", "right"):
+        qpos[:, model.joint(f"{side}_knee").qposadr[0]] = 0.2
+    targets = lay_out([pin(model, qpos, s, (0.0, 0.0, 0.25)) for s in FEET], model, nframe)
+    return qpos, targets
+
+
+def test_joints_at_their_edges_are_held_from_call_to_call() -> None:
+    """With a deviation to keep least, what would leave its range is held, and the body gives."""
+    model = humanoid()
+    guess, targets = knees_that_lock(model, 2)
+    held, loose = HybridIK(model), HybridIK(model)
+    over: dict[str, list[float]] = {"held": [], "loose": []}
+    for name, solver in (("held", held), ("loose", loose)):
+        moved = guess
+        for _ in range(6):
+            deviation = ominus(model, moved, guess) if name == "held" else None
+            moved = oplus(
+                model, moved, solver.solve(moved, targets, deviation=deviation).displacement
+            )
+            over[name].append(float(limit_excess(model, moved).max()))
+        assert gaps(model, moved, targets)[0] < 1e-2
+    assert over["loose"][-1] > 0.05 and over["held"][-1] < 0.01
+    # Frames that keep nothing (NaN) hold no edges, and are solved as without a deviation.
+    blank = np.full((2, model.nv), np.nan)
+    plain = HybridIK(model).solve(guess, targets).displacement
+    alone = HybridIK(model)
+    for _ in range(2):
+        again = alone.solve(guess, targets, deviation=blank).displacement
+        np.testing.assert_allclose(again, plain, atol=1e-12)
+
+
+def test_frames_that_inequalities_ask_are_told() -> None:
+    model = humanoid()
+    qpos = np.tile(model.qpos0, (3, 1))
+    qpos[:, 2] = (0.93, 0.80, 0.93)
+    tops = loop_sites(model, qpos)[:, model.site("head_top").id, 2]
+    targets = lay_out([pin(model, qpos, site) for site in FEET], model, 3)
+    for solver in (NumericIK(model), HybridIK(model)):
+        found = solver.solve(qpos, targets, Ceiling(model, float(tops[1]) + 0.05))
+        np.testing.assert_array_equal(found.pushed, [True, False, True])
+        assert not solver.solve(qpos, targets).pushed.any()
 
 
 # The reference's own derivatives

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjmotion.constraints import SiteConstraint
+from mjmotion.constraints import LookAt, RelativeConstraint, SiteConstraint
 from mjmotion.fit import Unmet
 from mjmotion.motion import Motion
 from mjmotion.results import load_model
-from mjmotion.rotations import normalized
+from mjmotion.rotations import exp, normalized
 from mjmotion.wishes import Missed, all_missed, unmet_wishes
 
 ROOT = Path(__file__).parents[1]
@@ -90,3 +90,59 @@ def test_the_scene_s_own_targets_are_told_apart(motion: Motion) -> None:
         ("position of left_foot", False),
     ]
     assert missed[1] == Missed("position of left_foot", (8,), 2.5)
+
+
+def test_what_the_fit_measured_is_the_user_s_where_the_user_asked(motion: Motion) -> None:
+    """Places in another site's frame, gazes, and what is free to move: told by name and frame."""
+    frames = np.arange(3, 6)
+    wishes = [
+        RelativeConstraint("left_hand", frames, "pelvis", (0, 0, 2)),
+        LookAt("face", frames, (0, 0, 9)),
+        SiteConstraint("right_hand", frames, (0, 0, 9), free=("x",)),
+    ]
+    unmet = (
+        Unmet("position of left_hand to pelvis", (3, 4, 5), 800.0),
+        Unmet("gaze of face", (4,), 20.0),
+        Unmet("position of right_hand", (5,), 3.0),
+        Unmet("position of left_foot", (4,), 2.0),
+        Unmet("position of right_hand", (9,), 2.0),
+    )
+    missed = all_missed(unmet, motion, wishes)
+    assert [(one.constraint, one.frames, one.own) for one in missed] == [
+        (one.constraint, one.frames, own)
+        for one, own in zip(unmet, (True, True, True, False, False), strict=True)
+    ]
+
+
+@pytest.mark.parametrize("degrees", [0.2, 5.0, 120.0])
+def test_turns_to_another_site_are_measured(motion: Motion, degrees: float) -> None:
+    """At rest the hands and the pelvis are all level."""
+    turned = exp(np.radians(degrees) * np.array((0.6, 0.0, 0.8)))
+    link = RelativeConstraint("left_hand", np.arange(2, 4), "pelvis", (0, 0, 5), turned)
+    missed = unmet_wishes(motion, [link])
+    if degrees < 0.5:
+        assert missed == ()
+        return
+    (one,) = missed
+    assert (one.constraint, one.frames) == ("orientation of left_hand to pelvis", (2, 3))
+    assert one.residual_deg == pytest.approx(degrees, abs=1e-6) and one.own
+    mild = RelativeConstraint("left_hand", np.arange(2, 4), "pelvis", None, turned, weight=0.5)
+    assert unmet_wishes(motion, [mild]) == ()
+
+
+def test_orientations_of_what_is_free_are_measured_but_for_the_yaw_it_took(motion: Motion) -> None:
+    frames = np.arange(3, 6)
+    away = {"position": (5.0, 5.0, 5.0), "free": ("x", "yaw")}
+    yawed = SiteConstraint("left_hand", frames, quat=exp(np.array((0, 0, 1.2))), **away)
+    assert unmet_wishes(motion, [yawed]) == ()
+    tilted = SiteConstraint("left_hand", frames, quat=exp(np.array((0.1, 0, 0))), **away)
+    (one,) = unmet_wishes(motion, [tilted])
+    assert one.constraint == "orientation of left_hand" and one.frames == (3, 4, 5)
+    assert one.residual_deg == pytest.approx(np.degrees(0.1), abs=1e-6)
+    # All frames turn together: one that is turned on its own is told.
+    apart = exp(np.array(((0, 0, 0), (0, 0, 0.3), (0, 0, 0.0))))
+    (one,) = unmet_wishes(motion, [SiteConstraint("left_hand", frames, quat=apart, **away)])
+    assert one.residual_deg == pytest.approx(np.degrees(0.2), abs=0.1)
+    fixed = SiteConstraint("left_hand", frames, (5, 5, 5), exp(np.array((0, 0, 1.2))), free=("x",))
+    (one,) = unmet_wishes(motion, [fixed])
+    assert one.residual_deg == pytest.approx(np.degrees(1.2), abs=1e-6)

@@ -128,7 +128,8 @@ class LookAt:
     def __post_init__(self) -> None:
         where = f"gaze of site '{self.site}'"
         _check_frames(self, where)
-        _broadcast(self, "point", 3, where)
+        point = per_frame(self.point, len(self.frames), 3, where, "point")
+        object.__setattr__(self, "point", point)
         axis = per_frame(self.axis, 1, 3, where, "axis")[0]
         if np.linalg.norm(axis) < 1e-9:
             raise ConstraintError(f"{where}: the axis has no length")
