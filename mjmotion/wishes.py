@@ -23,7 +23,7 @@ from mjmotion.constraints import (
     SiteConstraint,
     lay_out,
 )
-from mjmotion.exceptions import frame_list
+from mjmotion.exceptions import ConstraintError, frame_list
 from mjmotion.kinematics import Kinematics, Pose, site_id
 from mjmotion.motion import Motion
 from mjmotion.rotations import conjugate, from_matrix, multiply, to_matrix, yaw_quat
@@ -171,3 +171,30 @@ def all_missed(
             own = bool(known.get(one.constraint, set()) & set(others))
             rest.append(Missed(one.constraint, others, one.residual_mm, own=own))
     return (*unmet_wishes(motion, wishes), *rest)
+
+
+def check_free(unmet: Sequence[Unmet], wishes: Sequence[Constraint]) -> None:
+    """Refuse what is free to move as a whole and still cannot be met at all of its frames.
+
+    Other wishes out of reach are followed as far as the body goes. What must not slide has no such
+    middle way: followed frame by frame it would slide.
+
+    Args:
+      unmet: what a fit could not meet.
+      wishes: the user's own constraints.
+
+    Raises:
+      ConstraintError: names the site, the frames and the residual.
+    """
+    for wish in wishes:
+        if not (isinstance(wish, SiteConstraint) and wish.free):
+            continue
+        for one in unmet:
+            frames = np.intersect1d(one.frames, wish.frames).tolist()
+            if one.constraint == f"position of {wish.site}" and frames:
+                raise ConstraintError(
+                    f"'{wish.site}' is free in {', '.join(wish.free)} and held in one piece, but"
+                    f" its frames cannot all be met: off by {one.residual_mm:.1f} mm at most, at"
+                    f" frames {frame_list(frames)}; free more of it, or hold it for fewer frames",
+                    frames,
+                )

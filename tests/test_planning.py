@@ -292,6 +292,8 @@ def test_every_kind_of_constraint_on_the_command_line(short: Path, tmp_path: Pat
 NOT_MET = """
 - {site: left_hand, frames: [20, 30], to: pelvis, position: [3, 0, 0]}
 - {site: left_foot, frames: [20, 30], look_at: [1, 50, 0]}
+"""
+NOT_IN_ONE_PIECE = """
 - {site: right_hand, frames: [50, 60], position: [0.9, -0.35, 3.5], free: [x]}
 """
 
@@ -306,17 +308,24 @@ def test_what_is_not_met_is_exit_1_with_frames_and_residuals(short: Path, tmp_pa
     for name, frames in (
         ("position of left_hand to pelvis", "20, 21, 22, 23, 24, … (10 frames)"),
         ("gaze of left_foot", ""),
-        ("position of right_hand", "50, 51, 52, 53, 54, … (10 frames)"),
     ):
         line = next(x for x in done.stderr.splitlines() if f"not met: {name} at" in x)
         assert "your constraint" in line and frames in line and line.endswith(" mm")
     report = json.loads((out / "report.json").read_text("utf-8"))
     own = {one["constraint"] for one in report["unmet"] if one["own"]}
-    assert own == {
-        "position of left_hand to pelvis",
-        "gaze of left_foot",
-        "position of right_hand",
-    }
+    assert own == {"position of left_hand to pelvis", "gaze of left_foot"}
+
+
+def test_what_cannot_be_held_in_one_piece_is_exit_2(short: Path, tmp_path: Path) -> None:
+    wishes, out = written(tmp_path, NOT_IN_ONE_PIECE), tmp_path / "out"
+    done = run(
+        *("adapt", short, "--scene", "flat", "--constraints", wishes),
+        *("--out", out, "--no-video"),
+    )
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "'right_hand' is free in x" in done.stderr
+    assert "50, 51, 52, 53, 54, … (10 frames)" in done.stderr and " mm" in done.stderr
+    assert not out.exists()
 
 
 BAD = {

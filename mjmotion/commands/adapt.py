@@ -66,6 +66,7 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.contacts import load_contacts
     from mjmotion.results import load_model, result_folder
     from mjmotion.scene import load_scene
+    from mjmotion.wishes import check_free
 
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
@@ -87,6 +88,7 @@ def run(args: argparse.Namespace) -> int:
             ik=args.ik,
             progress=bar.stage,
         )
+        check_free(adaptation.unmet, wishes)
         title = f"{Path(args.clip).stem} on {scene.name}"
         validation = write(
             *(folder, adaptation, thresholds, args, bar), title=title, constraints=wishes

@@ -65,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.results import read_motion, result_folder
     from mjmotion.retarget import retarget
     from mjmotion.scene import load_character, load_scene, scene_of
+    from mjmotion.wishes import check_free
 
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
@@ -92,6 +93,7 @@ def run(args: argparse.Namespace) -> int:
             ik=args.ik,
             progress=bar.stage,
         )
+        check_free(result.unmet, wishes)
         title = f"{Path(args.motion).stem} on {Path(args.to).stem}"
         validation = write(
             *(folder, result, thresholds, args, bar), title=title, constraints=wishes
