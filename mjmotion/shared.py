@@ -30,7 +30,7 @@ from mjmotion.rotations import conjugate, cross, exp, multiply, normalized, rota
 Array = NDArray[np.float64]
 
 RIGIDITY = 1e-3  # α of a move on which nothing else depends, so that it stays [1/m²]
-STEP_LIMIT = 0.25  # the most that a move changes at one level [m or rad]
+STEP_LIMIT = 0.5  # the most that a move changes at one level [m or rad]
 SETTLED = 1e-4  # a move that changes less at a level is settled [m or rad]
 _FEW = 64  # frames that are asked anyway
 _WIDTH = 4  # unknowns of a move: three directions and a turn
@@ -176,20 +176,21 @@ class SharedMoves:
         # Entries: one for each move, and target of its site in one of its frames.
         row, column, index, share = [], [], [], []
         asked = np.maximum(targets.position_weight, targets.turn_weight)
+        place = np.full(int(targets.frames.max(initial=0)) + 1, -1)
+        place[targets.frames] = np.arange(len(targets.frames))
         for number, move in enumerate(moves):
             found = np.flatnonzero(targets.sites == site_id(model, move.site))
-            there = np.flatnonzero(np.isin(move.frames, targets.frames))
-            rows = np.searchsorted(targets.frames, move.frames[there])
-            held = (asked[rows][:, found] > 0.0).any(axis=1)
-            there, rows = there[held], rows[held]
-            if len(rows) == 0:
+            inside = (move.frames >= 0) & (move.frames < len(place))
+            rows = np.where(inside, place[np.where(inside, move.frames, 0)], -1)
+            there = (rows >= 0) & (asked[rows][:, found] > 0.0).any(axis=1)
+            if not there.any():
                 raise ConstraintError(
                     f"shared move of '{move.site}' at frames {move.frames[0]} to"
                     f" {move.frames[-1]}: no constraint holds that site there"
                 )
-            row.append(rows)
-            column.append(np.full(len(rows), found[0]))
-            index.append(np.full(len(rows), number))
+            row.append(rows[there])
+            column.append(np.full(len(row[-1]), found[0]))
+            index.append(np.full(len(row[-1]), number))
             share.append(move.share[there])
         self._row, self._column = np.concatenate(row), np.concatenate(column)
         self._index, self._share = np.concatenate(index), np.concatenate(share)
@@ -306,23 +307,16 @@ class SharedMoves:
         from scipy.sparse.linalg import spsolve
 
         one, other = (self._index[side[self._blocks]] for side in self._pairs)
-        at = np.arange(_WIDTH)
+        at, everything = np.arange(_WIDTH), np.arange(gradient.size)
         rows = np.broadcast_to((_WIDTH * one)[:, None, None] + at[:, None], blocks.shape)
         columns = np.broadcast_to((_WIDTH * other)[:, None, None] + at, blocks.shape)
         free = self._free.ravel()
         kept = blocks * (free[rows] & free[columns])
         held = np.where(self._free, self._rigidity, 1.0).ravel()
-        everything = np.arange(gradient.size)
-        matrix = sparse.csc_array(
-            (
-                np.concatenate((kept.ravel(), held)),
-                (
-                    np.concatenate((rows.ravel(), everything)),
-                    np.concatenate((columns.ravel(), everything)),
-                ),
-            ),
-            shape=(gradient.size, gradient.size),
-        )
+        values = np.concatenate((kept.ravel(), held))
+        row = np.concatenate((rows.ravel(), everything))
+        column = np.concatenate((columns.ravel(), everything))
+        matrix = sparse.csc_array((values, (row, column)), shape=(gradient.size, gradient.size))
         return np.asarray(-spsolve(matrix, free * gradient.ravel())).reshape(gradient.shape)
 
     def _turns(self) -> list[NDArray[np.int64]]:

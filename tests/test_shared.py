@@ -218,7 +218,7 @@ def test_a_step_does_not_leap() -> None:
     pull = Sensitivity(np.full((12, 2, 6), 50.0), np.zeros((12, 2, 6, 2, 6)))
     zero = np.zeros((1, 4))
     step = laid.step(zero, laid.moved(zero), np.arange(12), pull)
-    assert np.isfinite(step).all() and np.abs(step).max() == pytest.approx(0.25)
+    assert np.isfinite(step).all() and np.abs(step).max() == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("spacing", [1, 2, 3])

@@ -137,15 +137,19 @@ def fit(
         poses, deviation = qpos[targets.frames], None
         if together is not None:
             # Moves add up over the levels, and so must the deviation that they are to keep least.
-            deviation = ominus(motion.model, poses, guess[targets.frames])
+            deviation = np.zeros((len(poses), motion.model.nv))
+            if traced:
+                deviation = ominus(motion.model, poses, guess[targets.frames])
             deviation[alone] = np.nan
-            if not settled:
+            # Poses answer to a move within two levels: every second one moves, and the last.
+            if not settled and len(queue) % 2 == 0:
                 values, settled = _move(*(together, values, solver, poses, targets, deviation))
                 targets = together.moved(values)
         solution, last_error = _solve_level(solver, poses, targets, clearance, deviation)
         if solution.pushed is not None:
             alone |= solution.pushed  # what was pushed out of something must not be drawn back in
-        if traced and last_error <= tolerance and not targets.turning:
+        done = last_error <= tolerance and not targets.turning and (together is None or settled)
+        if traced and done:
             break
         if len(targets.frames):
             submap = fit_submap(
