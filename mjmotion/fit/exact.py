@@ -73,8 +73,8 @@ class ExactPass:
             before, turn = float(beyond.max()), turn + 1
             qpos = self._ease(qpos, np.flatnonzero(beyond > LIMIT_SLACK))
             closed, beyond = self._closed(qpos)
-        if qpos is not fitted:
-            closed, _ = self._closed(self._follow(qpos))
+        if qpos is not fitted and (followed := self._follow(qpos)) is not qpos:
+            closed, _ = self._closed(followed)
         return closed, error
 
     def _closed(self, qpos: Array, solution: Solution | None = None) -> tuple[Array, Array]:
