@@ -175,7 +175,7 @@ def carry_out(
     clearance = None
     if what.obstacles:
         say("clearances")
-        body = load_character(character)
+        body = load_character(character, known=True)
         clearance = ObstacleClearance(body, what.obstacles, find_feet(model), nframe)
         start, shift = _duck(what, wanted, clearance, levels), False
     say("fit")

@@ -212,11 +212,12 @@ def _start(model: mujoco.MjModel, name: str) -> tuple[NDArray[np.float64], float
     return data.site_xpos[site].copy(), float(np.arctan2(forward[1], forward[0]))
 
 
-def load_character(character: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
+def load_character(character: str | Path | mujoco.MjSpec, *, known: bool = False) -> mujoco.MjSpec:
     """Return a character's spec, a new one.
 
     Args:
       character: name of one of our models, a path to an MJCF, or a spec.
+      known: it has been loaded before, and needs no compiling to see whether it is good.
 
     Raises:
       ModelError: the character does not exist, does not compile, or has no free root.
@@ -228,6 +229,8 @@ def load_character(character: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
         else:
             path = find_asset("model", character).resolve()
             spec = mujoco.MjSpec.from_file(str(path))
+        if known:
+            return spec
         model = spec.compile()
     except (ValueError, OSError, mujoco.FatalError) as error:
         raise ModelError(f"character '{path}' does not compile: {first_line(error)}") from error
