@@ -141,8 +141,7 @@ def fit(
             if traced:
                 deviation = ominus(motion.model, poses, guess[targets.frames])
             deviation[alone] = np.nan
-            # Poses answer to a move within two levels: every second one moves, and the last.
-            if not settled and len(queue) % 2 == 0:
+            if not settled:
                 values, settled = _move(*(together, values, solver, poses, targets, deviation))
                 targets = together.moved(values)
         solution, last_error = _solve_level(solver, poses, targets, clearance, deviation)
