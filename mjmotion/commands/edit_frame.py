@@ -27,6 +27,7 @@ EXAMPLE = (
     " --out out/edit"
 )
 
+_ROUNDING = 1e-6  # by which a figure may be worse and still be the same
 SPACINGS = (4, 6, 12)  # those of Figure 2, drawn beside the chosen one
 
 
@@ -87,24 +88,34 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(moves=[])
 
 
-def _of_the_clip_s_own(
+def _not_the_edit_s(
     edited: Adaptation, thresholds: Mapping[str, Threshold], given: Sequence[str]
 ) -> dict[str, Threshold]:
-    """Return thresholds that the clip breaks by itself, at what it reaches: no edit mends those.
+    """Take off thresholds that the clip breaks by itself, and the edit no worse: none of its doing.
 
-    Where the user gave a threshold, that holds.
+    Such a figure is told without being judged. Where the user gave a threshold, that holds.
     """
     from mjmotion.commands.terminal import warn
     from mjmotion.validation import validate
+    from mjmotion.validation.thresholds import AT_LEAST
 
-    source = validate(edited.source, edited.source, edited.contacts, thresholds=thresholds)
+    before, after = (
+        validate(edited.source, motion, edited.contacts, thresholds=thresholds)
+        for motion in (edited.source, edited.motion)
+    )
     own = {text.partition("=")[0].strip() for text in given}
-    slack: dict[str, Threshold] = {}
-    for name in source.broken():
-        if name not in own and isinstance(thresholds[name], float):
-            slack[name] = 1.01 * source.metrics[name]
-            warn(f"note: the clip itself has {name} {source.metrics[name]:.4g}: taken as allowed")
-    return slack
+    left: dict[str, Threshold] = {}
+    for name in before.broken():
+        worse = after.metrics[name] - before.metrics[name]
+        worse = -worse if name in AT_LEAST else worse
+        # Of a pair of bounds, which way is worse is not plain: those are judged.
+        if isinstance(thresholds[name], float) and name not in own and worse <= _ROUNDING:
+            left[name] = None
+            warn(
+                f"note: the clip itself breaks {name}: {before.metrics[name]:.4g}, and"
+                f" {after.metrics[name]:.4g} edited; it is told and not judged"
+            )
+    return left
 
 
 def run(args: argparse.Namespace) -> int:
@@ -149,7 +160,7 @@ def run(args: argparse.Namespace) -> int:
         }
         edited = edits[args.spacing]
         title = f"{Path(args.motion).stem} edited at frame {args.frame}"
-        thresholds |= _of_the_clip_s_own(edited, thresholds, args.threshold)
+        thresholds |= _not_the_edit_s(edited, thresholds, args.threshold)
         validation = write(folder, edited, thresholds, args, bar, title=title)
         write_ranges(folder / "edit.png", edits, args.frame)
     frames = Span(args.frame, args.spacing, motion.nframe).frames

@@ -49,20 +49,17 @@ class SiteConstraint:
     def __post_init__(self) -> None:
         where = f"constraint on site '{self.site}'"
         _check_frames(self, where)
-        if self.position is None and self.quat is None:
-            raise ConstraintError(f"{where} wants nothing: give a position or a quat")
         object.__setattr__(self, "free", tuple(self.free))
         if unknown := [name for name in self.free if name not in FREE]:
             raise ConstraintError(f"{where}: free '{unknown[0]}' is none of {', '.join(FREE)}")
         if self.free and self.position is None:
             raise ConstraintError(f"{where} is free to move but has no position to move from")
-        for name, width in (("position", 3), ("quat", 4)):
-            _broadcast(self, name, width, where)
+        _check_posed(self, where)
 
     @property
     def nscalar(self) -> int:
         """Scalar constraints this stands for: 3 a position, 3 an orientation, at each frame."""
-        return len(self.frames) * 3 * ((self.position is not None) + (self.quat is not None))
+        return _nscalar(self)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -93,15 +90,12 @@ class RelativeConstraint:
         _check_frames(self, where)
         if self.site == self.to:
             raise ConstraintError(f"{where}: give two sites")
-        if self.position is None and self.quat is None:
-            raise ConstraintError(f"{where} wants nothing: give a position or a quat")
-        for name, width in (("position", 3), ("quat", 4)):
-            _broadcast(self, name, width, where)
+        _check_posed(self, where)
 
     @property
     def nscalar(self) -> int:
         """Scalar constraints this stands for: 3 a position, 3 an orientation, at each frame."""
-        return len(self.frames) * 3 * ((self.position is not None) + (self.quat is not None))
+        return _nscalar(self)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -153,6 +147,18 @@ def _check_frames(constraint: Constraint, where: str) -> None:
     if not 0.0 < constraint.weight <= 1.0:
         raise ConstraintError(f"{where} has weight {constraint.weight}: it must be in (0, 1]")
     object.__setattr__(constraint, "frames", frames)
+
+
+def _check_posed(constraint: SiteConstraint | RelativeConstraint, where: str) -> None:
+    if constraint.position is None and constraint.quat is None:
+        raise ConstraintError(f"{where} wants nothing: give a position or a quat")
+    for name, width in (("position", 3), ("quat", 4)):
+        _broadcast(constraint, name, width, where)
+
+
+def _nscalar(constraint: SiteConstraint | RelativeConstraint) -> int:
+    kinds = (constraint.position is not None) + (constraint.quat is not None)
+    return len(constraint.frames) * 3 * kinds
 
 
 def _broadcast(constraint: Constraint, name: str, width: int, where: str) -> None:

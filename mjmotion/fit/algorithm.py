@@ -119,7 +119,7 @@ def fit(
     values = np.zeros((len(moves), 4))
     height = character_height(motion.model)
     guessing = time.perf_counter()
-    qpos = within_shares(motion)
+    qpos = couple(motion.model, motion.qpos)
     if isinstance(first_guess, np.ndarray):
         qpos[:, :3] += first_guess
     elif first_guess and targets.contact.any():
@@ -189,11 +189,6 @@ def fit(
     )
     unmet = find_unmet(fitted, targets, residual, unmet_tolerance, bones)
     return Fit(fitted, trace, unmet, values, targets)
-
-
-def within_shares(motion: Motion) -> Array:
-    """Return a motion's poses (nframe, nq), coupled joints with their shares of one turn (§4.2)."""
-    return couple(motion.model, motion.qpos)
 
 
 def _check_levels(levels: Sequence[float]) -> list[float]:

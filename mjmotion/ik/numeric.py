@@ -21,18 +21,18 @@ from numpy.typing import NDArray
 
 from mjmotion import limits
 from mjmotion.bones import Bones
-from mjmotion.constraints import Gaze, Link, Targets
+from mjmotion.constraints import Targets
 from mjmotion.coupling import couple, coupling
+from mjmotion.ik.rows import gaze_rows, link_rows
 from mjmotion.ik.solver import (
     Clearance,
     Inequalities,
     Solution,
     default_weights,
-    link_position,
     position_error,
 )
 from mjmotion.kinematics import Kinematics, Pose, body_dofs
-from mjmotion.rotations import between, cross, from_matrix, log, to_matrix
+from mjmotion.rotations import from_matrix, log
 from mjmotion.shared import Sensitivity
 from mjmotion.tangent import ominus, oplus
 
@@ -207,8 +207,8 @@ class NumericIK:
                 jacobians.append(jacr)
                 errors.append(log(from_matrix(turn)))
                 weights.append(np.repeat(targets.turn_weight[:, column, None], 3, axis=1))
-        more = [self._link_rows(pose, link, dofs) for link in targets.links]
-        more += [self._gaze_rows(pose, gaze, dofs) for gaze in targets.gazes]
+        more = [link_rows(pose, link, dofs) for link in targets.links]
+        more += [gaze_rows(pose, gaze, dofs) for gaze in targets.gazes]
         for rows, error, held in more:
             jacobians.append(rows)
             errors.append(error)
@@ -229,47 +229,6 @@ class NumericIK:
             np.concatenate(errors, axis=1) * present,
             compliance,
         )
-
-    def _link_rows(
-        self, pose: Pose, link: Link, dofs: NDArray[np.int64]
-    ) -> tuple[Array, Array, Array]:
-        """Rows (n, 6, k) that hold one site in the frame of another, errors and weights (n, 6)."""
-        model = self.model
-        wanted = link_position(pose, link)
-        jacp, jacr = pose.jacobian(
-            pose.site_xpos[:, link.site], int(model.site_bodyid[link.site]), dofs
-        )
-        # The wanted place moves with the body it belongs to.
-        top, tor = pose.jacobian(wanted, int(model.site_bodyid[link.to]), dofs)
-        turned = pose.site_xmat[:, link.to] @ to_matrix(link.quat)
-        turn = turned @ np.swapaxes(pose.site_xmat[:, link.site], 1, 2)
-        held = np.repeat(np.stack((link.position_weight, link.turn_weight), axis=1), 3, axis=1)
-        gap = wanted - pose.site_xpos[:, link.site]
-        return (
-            np.concatenate((jacp - top, jacr - tor), axis=1),
-            np.concatenate((gap, log(from_matrix(turn))), axis=1),
-            held,
-        )
-
-    def _gaze_rows(
-        self, pose: Pose, gaze: Gaze, dofs: NDArray[np.int64]
-    ) -> tuple[Array, Array, Array]:
-        """Rows (n, 3, k) that turn an axis of a site to a point, errors and weights (n, 3).
-
-        The error is the turn that is still to do [rad]; about the axis itself nothing is wanted.
-        """
-        origin = pose.site_xpos[:, gaze.site]
-        axis = pose.site_xmat[:, gaze.site] @ gaze.axis
-        away = gaze.point - origin
-        length = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-6)
-        line = away / length
-        jacp, jacr = pose.jacobian(origin, int(self.model.site_bodyid[gaze.site]), dofs)
-        error = log(between(axis, line))
-        # A turn takes the axis along; a move v of the site turns the line by -line x v / length.
-        swing = cross(line[:, None, :], np.swapaxes(jacp, 1, 2)) / length[:, None]
-        across = np.eye(3) - axis[:, :, None] * axis[:, None, :]
-        rows = across @ (jacr + np.swapaxes(swing, 1, 2))
-        return rows, error, np.repeat(gaze.weight[:, None], 3, axis=1)
 
     def _within_limits(
         self, qpos: Array, displacement: Array, freedom: Array

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mjmotion.report.style import axes_style
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -22,23 +24,9 @@ _HEEL, _TOE, _GROUND = "#2f7fc1", "#e07b39", "#8a8f98"
 _ADAPTED, _SOURCE = "#2f7fc1", "#a9adb5"
 _BAD = "#cf4a4a"
 _STYLE: dict[str, Any] = {
+    **axes_style(_INK),
     "svg.fonttype": "none",
     "font.family": "sans-serif",
-    "font.size": 10.5,
-    "axes.edgecolor": _INK,
-    "axes.labelcolor": _INK,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#8a8f98",
-    "grid.alpha": 0.25,
-    "grid.linewidth": 0.6,
-    "xtick.color": _INK,
-    "ytick.color": _INK,
-    "text.color": _INK,
-    "legend.frameon": False,
     "figure.facecolor": "none",
     "axes.facecolor": "none",
     "savefig.facecolor": "none",

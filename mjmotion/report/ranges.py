@@ -13,6 +13,7 @@ import numpy as np
 
 from mjmotion.edit import Span, deformation
 from mjmotion.exceptions import OutputError
+from mjmotion.report.style import axes_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,24 +21,7 @@ if TYPE_CHECKING:
     from mjmotion.adapt import Adaptation
 
 _CURVE, _RANGE, _KNOT, _INK = "#2f7fc1", "#2f7fc1", "#e07b39", "#2b2f36"
-_STYLE: Any = {
-    "font.size": 10.5,
-    "axes.edgecolor": _INK,
-    "axes.labelcolor": _INK,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#8a8f98",
-    "grid.alpha": 0.25,
-    "grid.linewidth": 0.6,
-    "xtick.color": _INK,
-    "ytick.color": _INK,
-    "text.color": _INK,
-    "legend.frameon": False,
-    "lines.linewidth": 1.6,
-}
+_STYLE: Any = {**axes_style(_INK), "lines.linewidth": 1.6}
 
 
 def write_ranges(path: str | Path, edits: Mapping[int, Adaptation], frame: int) -> Path:

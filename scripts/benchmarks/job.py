@@ -8,16 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.adapt import plan
-from mjmotion.clips import load_clip
 from mjmotion.constraints import SiteConstraint
+from mjmotion.examples import terrain
+from mjmotion.examples.job import LEVELS
 from mjmotion.fit import Fit, fit
 from mjmotion.motion import Motion
-from mjmotion.scene import load_scene
 
 Array = NDArray[np.float64]
 
-LEVELS = (16.0, 8.0, 4.0, 2.0)
 NFRAME, NSCALAR = 464, 5568
 
 
@@ -69,8 +67,9 @@ def _take(constraint: SiteConstraint, order: NDArray[np.int64]) -> SiteConstrain
 
 def make_job(clip: str = "walk", scene: str = "terrain") -> Job:
     """Return the job of a clip on a scene."""
-    what = plan(load_clip(clip), load_scene(scene))
-    return Job(what.source, tuple(what.constraints()), what.root_shift)
+    job = terrain.make_job(clip, scene)
+    assert isinstance(job.first_guess, np.ndarray)
+    return Job(job.motion, job.constraints, job.first_guess)
 
 
 def size(constraints: Sequence[SiteConstraint]) -> int:
