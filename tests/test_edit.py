@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -310,6 +313,45 @@ def test_the_command_writes_a_result_with_a_plot(file: Path, tmp_path: Path) -> 
     second = read_results(tmp_path / "again")
     assert (second.source.qpos == results.motion.qpos).all()
     assert second.model.ngeom == results.model.ngeom
+
+
+def measured(*figures: tuple[float, float]) -> Callable[..., Any]:
+    """A stand-in for validate: drift and swing clearance of the source, then of what is edited."""
+    names, turn = ("stance_drift_mm", "swing_clearance_mm"), iter(figures)
+
+    def validate(*_: object, **__: object) -> Any:
+        values = dict(zip(names, next(turn), strict=True))
+        broken = [names[0]] * (values[names[0]] > 1.0) + [names[1]] * (values[names[1]] < 10.0)
+        return SimpleNamespace(metrics=values, broken=lambda: broken)
+
+    return validate
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "given", "off"),
+    [
+        ((7.0, 20.0), (7.0, 20.0), [], {"stance_drift_mm"}),
+        ((7.0, 20.0), (7.1, 20.0), [], set()),  # the edit made it worse: judged, and broken
+        ((7.0, 20.0), (7.0, 20.0), ["stance_drift_mm=2"], set()),  # the user's word holds
+        ((0.5, 4.0), (0.5, 4.0), [], {"swing_clearance_mm"}),
+        ((0.5, 4.0), (0.5, 3.0), [], set()),
+        ((0.5, 20.0), (7.0, 20.0), [], set()),
+    ],
+)
+def test_only_what_the_clip_breaks_by_itself_is_not_judged(
+    before: tuple[float, float],
+    after: tuple[float, float],
+    given: list[str],
+    off: set[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from mjmotion import validation
+    from mjmotion.commands import edit_frame as command
+
+    monkeypatch.setattr(validation, "validate", measured(before, after))
+    edited: Any = SimpleNamespace(source=None, motion=None, contacts=())
+    left = command._not_the_edit_s(edited, validation.THRESHOLDS, given)
+    assert set(left) == off and all(value is None for value in left.values())
 
 
 @pytest.mark.parametrize(
