@@ -1,14 +1,13 @@
-"""Fit recorded walks to other ground, on MuJoCo; the method of Lee and Shin (SIGGRAPH '99).
+"""Fit recorded motions to other ground, bodies and wishes, on MuJoCo (Lee and Shin, SIGGRAPH '99).
 
-    from mjmotion import load_clip, load_scene, validate
-    from mjmotion.adapt import adapt
+    from mjmotion import adapt
 
-    adaptation = adapt(load_clip("walk"), load_scene("terrain_doors"))
-    validation = validate(adaptation.source, adaptation.motion, adaptation.contacts)
+    result = adapt("walk", "terrain_doors")
+    print(result.validate())
+    result.save("out/walk")
 
 What is named here is imported from its module when it is first asked for, so ``import mjmotion``
-costs nothing. ``adapt``, ``fit``, ``retarget``, ``morph`` and ``transition`` are modules with a
-function of the same name each: import those functions from their modules.
+costs nothing and loads no renderer.
 """
 
 from __future__ import annotations
@@ -17,7 +16,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mjmotion.character import Proportions, make_character
+    from mjmotion.apps.adaptation import adapt
+    from mjmotion.apps.edit.frame import edit_frame
+    from mjmotion.apps.morph.fitting import morph
+    from mjmotion.apps.retarget.moving import retarget
+    from mjmotion.apps.rope.climb import climb_rope
+    from mjmotion.apps.transition.join import join, transition
+    from mjmotion.body.motion import Motion
+    from mjmotion.body.proportions import Proportions, make_character
     from mjmotion.clips import load_clip
     from mjmotion.constraints import (
         LookAt,
@@ -25,40 +31,48 @@ if TYPE_CHECKING:
         SiteConstraint,
         load_constraints,
     )
-    from mjmotion.contacts import Contact, detect_contacts, load_contacts
+    from mjmotion.constraints.shared_targets import SharedMove
     from mjmotion.exceptions import MotionError
-    from mjmotion.motion import Motion
-    from mjmotion.report import Report
-    from mjmotion.results import read_results, result_folder, write_results
+    from mjmotion.fitting import fit
+    from mjmotion.footsteps.contacts import Contact, detect_contacts, load_contacts
+    from mjmotion.output.report import Report
+    from mjmotion.output.results import read_results, result_folder, write_results
+    from mjmotion.output.video import render_video
     from mjmotion.scene import Scene, load_scene
-    from mjmotion.shared import SharedMove
     from mjmotion.validation import validate
-    from mjmotion.video import render_video
 
 __version__ = "0.1.0"
 
 _MODULES = {
-    "Contact": "contacts",
+    "Contact": "footsteps.contacts",
     "LookAt": "constraints",
-    "Motion": "motion",
+    "Motion": "body.motion",
     "MotionError": "exceptions",
-    "Proportions": "character",
+    "Proportions": "body.proportions",
     "RelativeConstraint": "constraints",
-    "Report": "report",
+    "Report": "output.report",
     "Scene": "scene",
-    "SharedMove": "shared",
+    "SharedMove": "constraints.shared_targets",
     "SiteConstraint": "constraints",
-    "detect_contacts": "contacts",
+    "adapt": "apps.adaptation",
+    "climb_rope": "apps.rope.climb",
+    "detect_contacts": "footsteps.contacts",
+    "edit_frame": "apps.edit.frame",
+    "fit": "fitting",
+    "join": "apps.transition.join",
     "load_clip": "clips",
     "load_constraints": "constraints",
-    "load_contacts": "contacts",
+    "load_contacts": "footsteps.contacts",
     "load_scene": "scene",
-    "make_character": "character",
-    "read_results": "results",
-    "render_video": "video",
-    "result_folder": "results",
+    "make_character": "body.proportions",
+    "morph": "apps.morph.fitting",
+    "read_results": "output.results",
+    "render_video": "output.video",
+    "result_folder": "output.results",
+    "retarget": "apps.retarget.moving",
+    "transition": "apps.transition.join",
     "validate": "validation",
-    "write_results": "results",
+    "write_results": "output.results",
 }
 
 __all__ = [
@@ -72,15 +86,23 @@ __all__ = [
     "Scene",
     "SharedMove",
     "SiteConstraint",
+    "adapt",
+    "climb_rope",
     "detect_contacts",
+    "edit_frame",
+    "fit",
+    "join",
     "load_clip",
     "load_constraints",
     "load_contacts",
     "load_scene",
     "make_character",
+    "morph",
     "read_results",
     "render_video",
     "result_folder",
+    "retarget",
+    "transition",
     "validate",
     "write_results",
 ]

@@ -2,6 +2,6 @@
 
 import sys
 
-from mjmotion.cli import main
+from mjmotion.cli.main import main
 
 sys.exit(main())

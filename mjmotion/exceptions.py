@@ -68,3 +68,25 @@ def frame_list(frames: Iterable[int], limit: int = 5) -> str:
     numbers = [int(frame) for frame in frames]
     shown = ", ".join(str(number) for number in numbers[:limit])
     return shown if len(numbers) <= limit else f"{shown}, … ({len(numbers)} frames)"
+
+
+def mujoco_message(error: BaseException) -> str:
+    """Return MuJoCo's message as one line: what went wrong and, if it says so, in which element."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    if not lines:
+        return type(error).__name__
+    text = lines[0].removeprefix("Error: ").removeprefix("XML Error: ")
+    if text.startswith("XML parse error"):
+        return "it is not well-formed XML" + _line_of(lines)
+    element = next((line for line in lines[1:] if line.startswith("Element")), "")
+    return f"{text} ({element})" if element else text
+
+
+def _line_of(lines: list[str]) -> str:
+    """Return `` (line n)`` where TinyXML's message tells the line."""
+    text = " ".join(lines)
+    mark = "Line number="
+    if mark not in text:
+        return ""
+    number = text.split(mark, 1)[1].split(":", 1)[0].split()[0]
+    return f" (line {number})"

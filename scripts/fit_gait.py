@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
-from mjmotion.contacts import detect_contacts
-from mjmotion.motion import Motion
-from mjmotion.rotations import continuous, log, multiply, rotate, yaw_quat
+from mjmotion.footsteps.contacts import detect_contacts
+from mjmotion.numerics.rotations import continuous, log, multiply, rotate, yaw_quat
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from mjmotion.cli import main as mjmotion
+from mjmotion.cli.main import main as mjmotion
 
 WIDTH, GAP = 1500, 4  # of a row of stills [pixels]
 STYLE = """
@@ -159,9 +159,9 @@ def make(piece: Piece, out: Path, stills: Path | None) -> int:
 
 def paper_transition(out: Path) -> int:
     """Fit and write the transitions of Table 1: a part of what ``join walk sneak walk`` gives."""
-    from mjmotion.adapt import Adaptation
-    from mjmotion.examples.transition import make_job
-    from mjmotion.results import result_folder, write_results
+    from mjmotion.output.result import Result
+    from mjmotion.output.results import result_folder, write_results
+    from mjmotion.paper.transition import make_job
     from mjmotion.scene import compose, load_scene
     from mjmotion.validation import validate
 
@@ -169,7 +169,7 @@ def paper_transition(out: Path) -> int:
     result = job.fit()
     spec = compose("humanoid", load_scene("flat"))
     model = spec.compile()
-    whole = Adaptation(
+    whole = Result(
         job.motion.on(model), result.motion.on(model), job.contacts, result.trace, (), spec
     )
     measured = validate(whole.source, whole.motion, whole.contacts)
@@ -238,7 +238,7 @@ def html(pieces: Sequence[Piece], out: Path) -> str:
         command = " ".join(("mjmotion", *piece.command, "--out", f"out/{piece.name}"))
         command = command.format(out="out")
         if not piece.command:
-            command = "mjmotion.examples.transition.make_job().fit()"
+            command = "mjmotion.paper.transition.make_job().fit()"
         parts += [
             f"<h2>Figure {escape(piece.figure)}</h2><p>{escape(piece.caption)}</p>",
             f'<img src="{piece.name}.jpg" alt="{escape(piece.caption)}">',

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import mujoco
 
-from mjmotion.assets import asset_folder
-from mjmotion.character import Proportions, flexible_spine, load_spec, make_character
+from mjmotion.body.assets import asset_folder
+from mjmotion.body.proportions import Proportions, flexible_spine, load_spec, make_character
 
 DECIMALS = 6  # of every number in the files
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import imageio.v3 as iio
 
-from mjmotion.results import read_results
-from mjmotion.video import render_frames, render_strip
+from mjmotion.output.results import read_results
+from mjmotion.output.video import render_frames, render_strip
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "images"
 DOORS = (40, 66, 80, 97, 112, 128, 144, 160, 176, 196)  # on the way through the three doorways

@@ -11,8 +11,8 @@ from pathlib import Path
 import imageio.v3 as iio
 import numpy as np
 
-from mjmotion.results import read_results
-from mjmotion.video import render_frames, render_video
+from mjmotion.output.results import read_results
+from mjmotion.output.video import render_frames, render_video
 
 
 def main() -> None:

@@ -12,10 +12,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mjmotion.commands import table1
-from mjmotion.examples.print_table1 import markdown, put_between
-from mjmotion.examples.table1 import Table1
+from mjmotion.cli import table1
 from mjmotion.exceptions import MotionError, OutputError
+from mjmotion.paper.print_table1 import markdown, put_between
+from mjmotion.paper.table1 import Table1
 
 README = Path(__file__).parents[1] / "README.md"
 

@@ -7,10 +7,10 @@ import functools
 import mujoco
 import numpy as np
 
-from mjmotion.assets import find_asset
+from mjmotion.body.assets import find_asset
+from mjmotion.body.joint_limits import clamp_to_limits
+from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
-from mjmotion.limits import clamp_to_limits
-from mjmotion.motion import Motion
 
 # Joints of every kind, off-centre anchors, turned bodies, two sites.
 MIXED = """

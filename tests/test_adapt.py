@@ -9,17 +9,18 @@ import numpy as np
 import pytest
 from made_up import humanoid, loop_sites, walk
 
-from mjmotion.adapt import Adaptation, adapt, place, plan, stiff_root
+from mjmotion.apps.adaptation import adapt, place, plan, stiff_root
+from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.kinematics import character_geoms
+from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
-from mjmotion.contacts import Contact, detect_contacts
 from mjmotion.exceptions import ConstraintError, ContactError, FitError, ModelError, SceneError
+from mjmotion.footsteps.contacts import Contact, detect_contacts
 from mjmotion.ik.solver import default_weights
-from mjmotion.kinematics import character_geoms
-from mjmotion.limits import limit_excess
-from mjmotion.motion import Motion
+from mjmotion.numerics.tangent import ominus
+from mjmotion.output.result import Result
 from mjmotion.scene import Doorway, Scene, doors, flat, load_scene, slope, stairs
 from mjmotion.scene.ground import Ground
-from mjmotion.tangent import ominus
 
 DRIFT = 1e-3  # of a contact's site over its contact [m]
 GAP = 2e-3  # of a contact's site over planes and steps [m]
@@ -45,11 +46,11 @@ def scene(name: str) -> Scene:
 
 
 @functools.cache
-def adapted(name: str, ik: str = "hybrid") -> Adaptation:
+def adapted(name: str, ik: str = "hybrid") -> Result:
     return adapt(clip(), scene(name), ik=ik)
 
 
-def drift_and_gap(result: Adaptation, where: Scene) -> tuple[float, float]:
+def drift_and_gap(result: Result, where: Scene) -> tuple[float, float]:
     """Largest drift of a contact's site, and height over the ground, from MuJoCo itself [m]."""
     sites, ground = loop_sites(result.motion.model, result.motion.qpos), Ground(where)
     drift, gap = 0.0, 0.0
@@ -122,7 +123,7 @@ def test_the_trace_tells_the_levels() -> None:
     assert trace.fit_seconds > 0.0 and trace.nscalar == 12 * clip().nframe
 
 
-def body_in_solids(result: Adaptation) -> float:
+def body_in_solids(result: Result) -> float:
     """How deep any geom but the feet's is in any box of the scene, by mj_geomDistance [m]."""
     model = result.motion.model
     data = mujoco.MjData(model)

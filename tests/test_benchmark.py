@@ -19,7 +19,7 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import benchmark  # noqa: E402
 from benchmarks import figures, job, levels, mink_ik, quality, readme, speed  # noqa: E402
 
-from mjmotion.adapt import adapt  # noqa: E402
+from mjmotion.apps.adaptation import adapt  # noqa: E402
 from mjmotion.clips import load_clip  # noqa: E402
 from mjmotion.scene import Scene, load_scene  # noqa: E402
 from mjmotion.validation import THRESHOLDS, validate  # noqa: E402

@@ -12,16 +12,16 @@ import pytest
 from made_up import humanoid, loop_sites, mixed, pin, walk
 from made_up import random_poses as poses
 
-from mjmotion.bones import Bones
+from mjmotion.body.bones import Bones
+from mjmotion.body.kinematics import Kinematics, body_pose, site_positions
+from mjmotion.body.limbs import Limbs, find_limbs
+from mjmotion.body.motion import Motion
 from mjmotion.constraints import LookAt, RelativeConstraint, SiteConstraint, lay_out
 from mjmotion.exceptions import ModelError
-from mjmotion.fit import fit, residuals
+from mjmotion.fitting import fit, residuals
 from mjmotion.ik.hybrid import HybridIK
-from mjmotion.ik.limb import Limbs, find_limbs
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.kinematics import Kinematics, body_pose, site_positions
-from mjmotion.motion import Motion
-from mjmotion.tangent import oplus
+from mjmotion.numerics.tangent import oplus
 
 ROUNDING = 1e-9  # [m]
 EXACT = 0.01  # after the exact pass [% of height]

@@ -10,21 +10,21 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmotion import limits
-from mjmotion.assets import find_asset
-from mjmotion.character import (
+from mjmotion.body import joint_limits as limits
+from mjmotion.body.assets import find_asset
+from mjmotion.body.joint_coupling import coupled_joints
+from mjmotion.body.proportions import (
     Proportions,
     find_parts,
     flexible_spine,
     load_spec,
     make_character,
 )
-from mjmotion.character.proportions import stretch
-from mjmotion.character.shaping import inertia_of, moments, nearest_axes, stretched_shape
-from mjmotion.commands.character import FACTORS
-from mjmotion.coupling import coupled_joints
+from mjmotion.body.proportions.proportions import stretch
+from mjmotion.body.proportions.shaping import inertia_of, moments, nearest_axes, stretched_shape
+from mjmotion.cli.character import FACTORS
 from mjmotion.exceptions import ModelError
-from mjmotion.rotations import to_matrix
+from mjmotion.numerics.rotations import to_matrix
 
 G1 = Path(__file__).parents[2] / "shared" / "robots" / "unitree_g1" / "g1.xml"
 NEEDS_G1 = pytest.mark.skipif(not G1.is_file(), reason="needs ../shared/robots/unitree_g1")

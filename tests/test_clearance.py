@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from made_up import humanoid, walk
 
-from mjmotion.assets import find_asset
-from mjmotion.clearance import (
+from mjmotion.body.assets import find_asset
+from mjmotion.body.feet import find_feet
+from mjmotion.body.kinematics import character_geoms
+from mjmotion.footsteps.obstacles import (
     MARGIN,
     STEP_MARGIN,
     ObstacleClearance,
     convex_obstacles,
     find_obstacles,
 )
-from mjmotion.footholds import find_feet
-from mjmotion.kinematics import character_geoms
-from mjmotion.tangent import oplus
+from mjmotion.numerics.tangent import oplus
 
 EXACT = 1e-6  # distances of a box as such and as the hull of its corners [m]
 SLOPE = 0.04  # of a distance against finite differences [m/rad]

@@ -14,14 +14,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmotion import cli
+from mjmotion.body.motion import Motion
+from mjmotion.cli import main as cli
+from mjmotion.cli.scene import SCENES as SCENE_KINDS
 from mjmotion.clips import load_clip
-from mjmotion.commands.scene import SCENES as SCENE_KINDS
 from mjmotion.exceptions import OutputError, RenderError
-from mjmotion.motion import Motion
-from mjmotion.results import check_output, read_results, result_folder
+from mjmotion.output.results import check_output, read_results, result_folder
+from mjmotion.output.video import ensure_gl
 from mjmotion.scene import BUILDERS
-from mjmotion.video import ensure_gl
 
 FRAMES = 100
 FILES = {"motion.npz", "source.npz", "model.xml", "contacts.json", "report.json", "report.html"}
@@ -71,10 +71,10 @@ def result(walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_help_is_quick_and_needs_no_mujoco() -> None:
-    code = "import sys, mjmotion.cli as c; c._parser().format_help(); print(*sys.modules)"
+    code = "import sys, mjmotion.cli.main as c; c._parser().format_help(); print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout
-    assert "mjmotion.cli" in loaded.split()
-    assert {f"mjmotion.commands.{name.replace('-', '_')}" for name in cli.COMMANDS} <= set(
+    assert "mjmotion.cli.main" in loaded.split()
+    assert {f"mjmotion.cli.{name.replace('-', '_')}" for name in cli.COMMANDS} <= set(
         loaded.split()
     )
     assert not {"mujoco", "numpy"} & set(loaded.split())

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from made_up import humanoid, mixed
 
+from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.kinematics import Kinematics, site_id
+from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.clips.climb import climb_constraints, climb_contacts, make_climb
 from mjmotion.clips.climb_grip import FEET, HANDS, LIMBS, find_grips
 from mjmotion.clips.climb_plan import FRAMES, RISE, hold_constraints, limb_path, plan_holds
-from mjmotion.contacts import check_contacts, contact_mask
 from mjmotion.exceptions import ModelError
-from mjmotion.kinematics import Kinematics, site_id
-from mjmotion.limits import limit_excess
-from mjmotion.motion import Motion
-from mjmotion.rotations import conjugate, log, multiply, rotate
+from mjmotion.footsteps.contacts import check_contacts, contact_mask
+from mjmotion.numerics.rotations import conjugate, log, multiply, rotate
 
 
 @cache
@@ -112,7 +112,7 @@ def test_rope_touches_skin_and_does_not_enter_it() -> None:
 
 def _distance_to_rope(site: str, quat: np.ndarray, to_rope: np.ndarray) -> float:
     """Least distance [m] of a rope to the geoms of the body of ``site`` of the humanoid."""
-    from mjmotion.assets import find_asset
+    from mjmotion.body.assets import find_asset
 
     spec = mujoco.MjSpec.from_file(str(find_asset("model", "humanoid")))
     rope = spec.worldbody.add_body(name="rope", mocap=True)

@@ -9,17 +9,17 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmotion import rotations as rot
-from mjmotion.assets import find_asset
+from mjmotion.body.assets import find_asset
+from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.motion import Motion
 from mjmotion.clips import find_rig, load_clip, map_clip, read_clip, write_csv
 from mjmotion.clips.bvh import read_bvh
-from mjmotion.clips.feet import carry
 from mjmotion.clips.frames import drop_rest_frame, mend_glitches
 from mjmotion.clips.mapping import bend_leg
+from mjmotion.clips.recorded_feet import carry
 from mjmotion.clips.skeleton import Clip, axis_rotations, pose_skeleton
 from mjmotion.exceptions import ClipError
-from mjmotion.limits import limit_excess
-from mjmotion.motion import Motion
+from mjmotion.numerics import rotations as rot
 
 MOCAP = Path(__file__).parents[2] / "shared" / "mocap"
 BVH = ["02_01", "03_01", "07_01", "12_01_other_rig", "127_29", "14_34"]

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from made_up import STEP_TIME, SWING_TIME, foot_track, humanoid, walk
 
-from mjmotion.contacts import (
+from mjmotion.body.motion import Motion
+from mjmotion.exceptions import ContactError, ModelError
+from mjmotion.footsteps.contacts import (
     Contact,
     ContactSettings,
     check_contacts,
@@ -21,8 +23,6 @@ from mjmotion.contacts import (
     load_contacts,
     save_contacts,
 )
-from mjmotion.exceptions import ContactError, ModelError
-from mjmotion.motion import Motion
 
 PHASE = 0.07  # how far a found heel strike or toe-off may be from the true one [s]
 RATES = (30.0, 60.0, 120.0)

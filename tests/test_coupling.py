@@ -10,19 +10,19 @@ import pytest
 from made_up import humanoid, loop_quats, loop_sites, pin
 from made_up import random_poses as poses
 
-from mjmotion.assets import find_asset
+from mjmotion.body.assets import find_asset
+from mjmotion.body.joint_coupling import couple, coupled_joints, coupling, shared_turn
+from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint, lay_out
-from mjmotion.coupling import couple, coupled_joints, coupling, shared_turn
 from mjmotion.exceptions import ModelError
-from mjmotion.fit import fit
+from mjmotion.fitting import fit
 from mjmotion.ik import parameters
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import default_weights
-from mjmotion.limits import limit_excess
-from mjmotion.motion import Motion
-from mjmotion.rotations import conjugate, exp, log, multiply
-from mjmotion.tangent import ominus, oplus
+from mjmotion.numerics.rotations import conjugate, exp, log, multiply
+from mjmotion.numerics.tangent import ominus, oplus
 
 EXACT = 0.01  # [% of height]
 SHARE = 1e-9  # how exactly a joint has its share [rad]

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from made_up import MIXED, humanoid, loop_quats, loop_sites, mixed, walk
 
-from mjmotion.adapt import Adaptation
-from mjmotion.contacts import Contact, detect_contacts
-from mjmotion.edit import HOLDS, Span, deformation, edit_frame
+from mjmotion.apps.edit import HOLDS, Span, deformation, edit_frame
+from mjmotion.apps.edit.ranges import write_ranges
+from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ConstraintError, ContactError, FitError, ModelError
-from mjmotion.limits import limit_excess
-from mjmotion.motion import Motion
-from mjmotion.report.ranges import write_ranges
-from mjmotion.results import read_results
-from mjmotion.spline import basis
+from mjmotion.footsteps.contacts import Contact, detect_contacts
+from mjmotion.numerics.bspline import basis
+from mjmotion.output.result import Result
+from mjmotion.output.results import read_results
 
 FRAME = 45
 SINK = (0.0, 0.0, -0.15)
@@ -34,11 +34,11 @@ def clip() -> Motion:
 
 
 @pytest.fixture(scope="module")
-def sunk(clip: Motion) -> Adaptation:
+def sunk(clip: Motion) -> Result:
     return edit_frame(clip, FRAME, "pelvis", by=SINK, spacing=12)
 
 
-def changed(edited: Adaptation) -> list[int]:
+def changed(edited: Result) -> list[int]:
     """Frames that are not the source's to the bit."""
     before, after = edited.source.qpos, edited.motion.qpos
     return np.flatnonzero((before.view(np.int64) != after.view(np.int64)).any(axis=1)).tolist()
@@ -83,7 +83,7 @@ def test_near_an_end_the_clip_cuts_the_range(clip: Motion, frame: int) -> None:
     assert np.linalg.norm(site(edited.motion, "pelvis")[frame] - site(clip, "pelvis")[frame]) > 0.04
 
 
-def test_the_root_follows_the_spline_of_one_data_point(sunk: Adaptation) -> None:
+def test_the_root_follows_the_spline_of_one_data_point(sunk: Result) -> None:
     """The root goes where level one takes it: 1/3, 4/3, 1/3 of the change at three knots."""
     sink = sunk.motion.qpos[:, 2] - sunk.source.qpos[:, 2]
     away = np.abs(np.arange(sunk.source.nframe) - FRAME) / 12.0
@@ -98,7 +98,7 @@ def test_the_root_follows_the_spline_of_one_data_point(sunk: Adaptation) -> None
     np.testing.assert_allclose(sink, -0.15 * bump, atol=2e-3)
 
 
-def test_deformation_is_largest_at_the_frame_and_fades(sunk: Adaptation) -> None:
+def test_deformation_is_largest_at_the_frame_and_fades(sunk: Result) -> None:
     size = deformation(sunk)
     assert abs(int(size.argmax()) - FRAME) < 12 and size[FRAME] > 0.15 - 1e-6
     assert (size[[FRAME - 36, FRAME + 36]] == 0.0).all()
@@ -108,7 +108,7 @@ def test_deformation_is_largest_at_the_frame_and_fades(sunk: Adaptation) -> None
 # The pose
 
 
-def test_the_pelvis_sinks_over_knees_that_bend_and_feet_that_stay(sunk: Adaptation) -> None:
+def test_the_pelvis_sinks_over_knees_that_bend_and_feet_that_stay(sunk: Result) -> None:
     before, after = sunk.source, sunk.motion
     np.testing.assert_allclose(
         site(after, "pelvis")[FRAME] - site(before, "pelvis")[FRAME], SINK, atol=1e-6
@@ -123,7 +123,7 @@ def test_the_pelvis_sinks_over_knees_that_bend_and_feet_that_stay(sunk: Adaptati
     assert limit_excess(after.model, after.qpos).max() < 1e-9
 
 
-def test_nothing_that_stands_slides_anywhere_in_the_range(sunk: Adaptation) -> None:
+def test_nothing_that_stands_slides_anywhere_in_the_range(sunk: Result) -> None:
     checked = 0
     for contact in sunk.contacts:
         frames = slice(contact.start, contact.end)
@@ -135,7 +135,7 @@ def test_nothing_that_stands_slides_anywhere_in_the_range(sunk: Adaptation) -> N
     assert checked >= 8
 
 
-def test_feet_in_the_air_keep_their_way_too(sunk: Adaptation) -> None:
+def test_feet_in_the_air_keep_their_way_too(sunk: Result) -> None:
     for name in ("left_foot", "right_foot"):
         lower = site(sunk.motion, name)[:, 2] - site(sunk.source, name)[:, 2]
         assert lower.min() > -1e-6, name
@@ -203,7 +203,7 @@ def test_a_drag_out_of_reach_goes_as_far_as_the_feet_let_it(clip: Motion, by: tu
     assert limit_excess(edited.motion.model, edited.motion.qpos).max() < 1e-9
 
 
-def test_levels_refine(sunk: Adaptation) -> None:
+def test_levels_refine(sunk: Result) -> None:
     errors = [level.max_error_percent for level in sunk.trace.levels]
     assert [level.frames_per_knot for level in sunk.trace.levels][:4] == [12.0, 6.0, 3.0, 1.5]
     assert errors[3] < errors[2] < errors[1] < errors[0]
@@ -211,7 +211,7 @@ def test_levels_refine(sunk: Adaptation) -> None:
     assert sunk.trace.exact_error_percent < 1e-3
 
 
-def test_jerk_stays_as_it_was(sunk: Adaptation) -> None:
+def test_jerk_stays_as_it_was(sunk: Result) -> None:
     from mjmotion.validation.figures import joint_jerk
 
     rms = [np.sqrt(np.mean(joint_jerk(m) ** 2)) for m in (sunk.source, sunk.motion)]
@@ -346,7 +346,7 @@ def test_only_what_the_clip_breaks_by_itself_is_not_judged(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     from mjmotion import validation
-    from mjmotion.commands import edit_frame as command
+    from mjmotion.cli import edit_frame as command
 
     monkeypatch.setattr(validation, "validate", measured(before, after))
     edited: Any = SimpleNamespace(source=None, motion=None, contacts=())

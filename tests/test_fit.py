@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from made_up import humanoid, loop_quats, loop_sites, mixed, pin, walk
 
+from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint, lay_out
 from mjmotion.exceptions import ConstraintError, FitError, ModelError
-from mjmotion.fit import Fit, default_levels, fit, residuals
+from mjmotion.fitting import Fit, default_levels, fit, residuals
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.reference import ConjugateGradientIK
 from mjmotion.ik.solver import default_weights
-from mjmotion.limits import limit_excess
-from mjmotion.motion import Motion
-from mjmotion.rotations import conjugate, log, multiply
-from mjmotion.spline import fit_level
-from mjmotion.tangent import ominus, oplus
+from mjmotion.numerics.bspline import fit_level
+from mjmotion.numerics.rotations import conjugate, log, multiply
+from mjmotion.numerics.tangent import ominus, oplus
+from mjmotion.paper.conjugate_gradients import ConjugateGradientIK
 
 PAPER = (14.31, 9.24, 3.48, 1.06)  # maximum errors of its terrain job, level by level [% of height]
 EXACT = 0.01  # after the exact pass [% of height]

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from made_up import humanoid, loop_sites, mixed, walk
 
-from mjmotion.contacts import Contact, detect_contacts
+from mjmotion.body.feet import find_feet
+from mjmotion.body.kinematics import Kinematics
+from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, ModelError, SceneError
-from mjmotion.footholds import Stance, find_feet, find_footholds, find_stances
-from mjmotion.kinematics import Kinematics
-from mjmotion.motion import Motion
-from mjmotion.rotations import rotate, yaw_quat
+from mjmotion.footsteps.contacts import Contact, detect_contacts
+from mjmotion.footsteps.footholds import Stance, find_footholds, find_stances
+from mjmotion.numerics.rotations import rotate, yaw_quat
 from mjmotion.scene import Scene
 from mjmotion.scene.ground import Ground
 

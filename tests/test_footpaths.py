@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from made_up import walk
 
-from mjmotion.contacts import Contact, contact_mask, detect_contacts
-from mjmotion.footholds import find_feet, find_footholds, find_stances
-from mjmotion.footpaths import FootPath, foot_path
-from mjmotion.kinematics import Kinematics
-from mjmotion.motion import Motion
-from mjmotion.rotations import conjugate, log, multiply, rotate
+from mjmotion.body.feet import find_feet
+from mjmotion.body.kinematics import Kinematics
+from mjmotion.body.motion import Motion
+from mjmotion.footsteps.contacts import Contact, contact_mask, detect_contacts
+from mjmotion.footsteps.footholds import find_footholds, find_stances
+from mjmotion.footsteps.paths import FootPath, foot_path
+from mjmotion.numerics.rotations import conjugate, log, multiply, rotate
 from mjmotion.scene import Scene
 from mjmotion.scene.ground import Ground
 

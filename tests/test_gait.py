@@ -8,18 +8,18 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmotion.assets import find_asset
+from mjmotion.body.assets import find_asset
+from mjmotion.body.feet import find_feet
+from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.kinematics import Kinematics, Pose, site_id
+from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.clips.gait import BUILTIN, SPEED, STRIDE, TURNING, WALK, Segment, make_walk
 from mjmotion.clips.gait_feet import FOOT_FLAT, HEEL_OFF, TOE_OFF
-from mjmotion.contacts import detect_contacts
 from mjmotion.exceptions import ClipError, ModelError
-from mjmotion.footholds import find_feet
-from mjmotion.kinematics import Kinematics, Pose, site_id
-from mjmotion.limits import limit_excess
-from mjmotion.motion import Motion
-from mjmotion.rotations import log, rotate
-from mjmotion.tangent import ominus
+from mjmotion.footsteps.contacts import detect_contacts
+from mjmotion.numerics.rotations import log, rotate
+from mjmotion.numerics.tangent import ominus
 
 SITES = ("left_heel", "left_toe", "right_heel", "right_toe")
 STRAIGHT = (Segment("straight", 4.0),)

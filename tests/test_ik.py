@@ -8,21 +8,21 @@ import pytest
 from made_up import HIP, SHANK, SOLE, THIGH, humanoid, loop_quats, loop_sites, mixed, pin
 from made_up import random_poses as poses
 
+from mjmotion.body.joint_limits import limit_excess, limit_names, swing_twist
+from mjmotion.body.kinematics import Kinematics
+from mjmotion.body.limbs import Limbs, find_limbs
 from mjmotion.constraints import SiteConstraint, Targets, lay_out
 from mjmotion.ik.hybrid import HybridIK
-from mjmotion.ik.limb import Limbs, find_limbs
 from mjmotion.ik.numeric import NumericIK, least_deviation
-from mjmotion.ik.reference import (
+from mjmotion.ik.solver import Inequalities, default_weights
+from mjmotion.numerics.rotations import conjugate, exp, log, multiply
+from mjmotion.numerics.tangent import ominus, oplus
+from mjmotion.paper.conjugate_gradients import (
     ConjugateGradientIK,
     PenaltyObjective,
     right_jacobian,
     swing_twist_jacobian,
 )
-from mjmotion.ik.solver import Inequalities, default_weights
-from mjmotion.kinematics import Kinematics
-from mjmotion.limits import limit_excess, limit_names, swing_twist
-from mjmotion.rotations import conjugate, exp, log, multiply
-from mjmotion.tangent import ominus, oplus
 
 ROUNDING = 1e-9  # [m] or [rad]
 SAME_POSE = 2e-3  # between solvers that both have converged [rad]
@@ -194,7 +194,7 @@ def test_closure_rates_are_finite_differences(name: str) -> None:
 
 
 def _turn(quat: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    from mjmotion.rotations import rotate
+    from mjmotion.numerics.rotations import rotate
 
     return rotate(quat, vector)
 

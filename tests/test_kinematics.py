@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from made_up import humanoid, mixed, random_poses
 
-from mjmotion.exceptions import ModelError
-from mjmotion.kinematics import (
+from mjmotion.body.kinematics import (
     Kinematics,
     RayCaster,
     body_dofs,
@@ -19,7 +18,8 @@ from mjmotion.kinematics import (
     site_id,
     site_positions,
 )
-from mjmotion.tangent import oplus
+from mjmotion.exceptions import ModelError
+from mjmotion.numerics.tangent import oplus
 
 MODELS = {"humanoid": humanoid, "mixed": mixed}
 JACOBIAN = 1e-12  # against mj_jac, both exact [m/rad]

@@ -6,10 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmotion import rotations as rot
-from mjmotion.assets import find_asset
-from mjmotion.exceptions import ModelError
-from mjmotion.limits import (
+from mjmotion.body.assets import find_asset
+from mjmotion.body.joint_limits import (
     ball_limits,
     clamp_to_limits,
     from_swing_twist,
@@ -17,6 +15,8 @@ from mjmotion.limits import (
     limit_names,
     swing_twist,
 )
+from mjmotion.exceptions import ModelError
+from mjmotion.numerics import rotations as rot
 
 PLAIN = """<mujoco><custom>{numeric}</custom><worldbody><body><freejoint/><geom size=".1"/>
 <body><joint name="a" type="ball" range="0 1.2"/><geom size=".1"/>

@@ -12,22 +12,29 @@ import numpy as np
 import pytest
 from made_up import STEP_TIME, foot_track, humanoid, mixed, random_poses, walk
 
-from mjmotion import cli
-from mjmotion.assets import find_asset
-from mjmotion.character import Proportions, make_character
-from mjmotion.contacts import Contact, contact_mask, detect_contacts, save_contacts
-from mjmotion.examples.morph import make_job
+from mjmotion.apps.morph import MorphBody, morph
+from mjmotion.body.assets import find_asset
+from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.kinematics import Kinematics
+from mjmotion.body.morph_body import shares
+from mjmotion.body.motion import Motion
+from mjmotion.body.proportions import Proportions, make_character
+from mjmotion.cli import main as cli
 from mjmotion.exceptions import ContactError, ModelError, MotionError, RenderError
-from mjmotion.kinematics import Kinematics
-from mjmotion.limits import limit_excess
-from mjmotion.morph import Morph, MorphBody, morph
-from mjmotion.morph.body import shares
-from mjmotion.morph.measure import body_poses
-from mjmotion.motion import Motion
-from mjmotion.report import Report
-from mjmotion.results import load_model, read_motion, read_results, result_folder, write_results
+from mjmotion.footsteps.contacts import Contact, contact_mask, detect_contacts, save_contacts
+from mjmotion.output.report import Report
+from mjmotion.output.result import Result
+from mjmotion.output.results import (
+    load_model,
+    read_motion,
+    read_results,
+    result_folder,
+    write_results,
+)
+from mjmotion.paper.morph import make_job
 from mjmotion.scene import with_ground
 from mjmotion.validation import validate
+from mjmotion.validation.morph_poses import body_poses
 
 FRAMES = 62
 PAPER = (6.98, 5.35, 3.08, 1.10)  # greatest errors of Table 1 [% of height]
@@ -63,7 +70,7 @@ def stances(motion: Motion) -> tuple[Contact, ...]:
 
 
 @functools.cache
-def morphed() -> Morph:
+def morphed() -> Result:
     """The made-up walk, flat-footed and of known footprints, on the body above."""
     motion = walk(seconds=(FRAMES - 1) / 30.0)
     keys = [(20, long_legs()), (52, short_legs())]
@@ -337,7 +344,7 @@ def test_penetration_is_measured_on_each_frames_own_body() -> None:
 
 @pytest.fixture(scope="module")
 def gl() -> None:
-    from mjmotion.video import Canvas
+    from mjmotion.output.video import Canvas
 
     try:
         with Canvas(humanoid(), 64, 64):
@@ -354,7 +361,7 @@ def tall(image: np.ndarray) -> int:
 
 @pytest.mark.usefixtures("gl")
 def test_pictures_show_each_frames_body() -> None:
-    from mjmotion.video import render_frames, render_strip
+    from mjmotion.output.video import render_frames, render_strip
 
     model = with_ground("humanoid").compile()
     changing = MorphBody.between(humanoid(), [(2, sized(legs=1.6))], 3)

@@ -13,17 +13,18 @@ import numpy as np
 import pytest
 from made_up import humanoid, loop_sites, mixed, walk
 
-from mjmotion.adapt import Adaptation, adapt
+from mjmotion.apps.adaptation import adapt
+from mjmotion.body.feet import find_feet
+from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import ModelError, MotionError
-from mjmotion.fit import Fit, fit
-from mjmotion.footholds import find_feet
+from mjmotion.fitting import Fit, fit
+from mjmotion.footsteps.plan import Plan, freed, plan, shifted
 from mjmotion.ik.solver import default_weights
-from mjmotion.motion import Motion
-from mjmotion.planning import Plan, freed, plan, shifted
+from mjmotion.numerics.tangent import ominus
+from mjmotion.output.result import Result
 from mjmotion.scene import Scene, flat, load_scene, slope, stairs
-from mjmotion.tangent import ominus
 from mjmotion.validation import validate
 
 OFF_PLANE = 0.03  # a foothold that is free stays this near the plane it was in [m]
@@ -52,7 +53,7 @@ def planned(where: str, what: str = "walk") -> Plan:
 
 
 @functools.cache
-def adapted(where: str, free: bool, ik: str = "hybrid", what: str = "walk") -> Adaptation:
+def adapted(where: str, free: bool, ik: str = "hybrid", what: str = "walk") -> Result:
     return adapt(clip(what), scene(where), free_footholds=free, ik=ik)
 
 
@@ -184,7 +185,7 @@ def test_joints_change_less() -> None:
     assert cost[1] < cost[0]
 
 
-def clip_on(result: Adaptation) -> Motion:
+def clip_on(result: Result) -> Motion:
     return Motion(humanoid(), result.source.qpos, result.source.fps)
 
 

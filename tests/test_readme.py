@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from mjmotion import cli
+from mjmotion.cli import main as cli
 from mjmotion.clips import ROLES, find_rig, read_clip
 from mjmotion.clips.rig import REQUIRED
 from mjmotion.constraints import load_constraints
-from mjmotion.contacts import load_contacts
-from mjmotion.results import load_model
+from mjmotion.footsteps.contacts import load_contacts
+from mjmotion.output.results import load_model
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text("utf-8")

@@ -10,7 +10,9 @@ import pytest
 from made_up import humanoid, loop_quats, loop_sites, mixed, pin, walk
 from made_up import random_poses as poses
 
-from mjmotion.adapt import adapt
+from mjmotion.apps.adaptation import adapt
+from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.motion import Motion
 from mjmotion.constraints import (
     Constraint,
     LookAt,
@@ -18,16 +20,14 @@ from mjmotion.constraints import (
     SiteConstraint,
     lay_out,
 )
+from mjmotion.constraints.unmet import all_missed
 from mjmotion.exceptions import ConstraintError, ModelError
-from mjmotion.fit import fit
+from mjmotion.fitting import fit
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.limits import limit_excess
-from mjmotion.motion import Motion
-from mjmotion.rotations import conjugate, exp, log, multiply, to_matrix
+from mjmotion.numerics.rotations import conjugate, exp, log, multiply, to_matrix
+from mjmotion.numerics.tangent import ominus, oplus
 from mjmotion.scene import Doorway, Scene, doors, flat
-from mjmotion.tangent import ominus, oplus
-from mjmotion.wishes import all_missed
 
 HELD = 1e-4  # of a hand that is held to something [m]
 ANGLE = 0.01  # of a gaze [degrees]

@@ -11,10 +11,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmotion.contacts import Contact
+from mjmotion.body.motion import Motion
 from mjmotion.exceptions import MotionError, OutputError
-from mjmotion.motion import Motion
-from mjmotion.report import Report, table
+from mjmotion.footsteps.contacts import Contact
+from mjmotion.output.report import Report, table
 from mjmotion.validation import THRESHOLDS, validate
 from mjmotion.validation.result import LABELS
 

@@ -8,14 +8,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmotion.adapt import Adaptation
-from mjmotion.assets import find_asset
+from mjmotion.body.assets import find_asset
+from mjmotion.body.kinematics import character_geoms
 from mjmotion.clips import load_clip
-from mjmotion.contacts import Contact
 from mjmotion.exceptions import ClipError, ModelError, MotionError
-from mjmotion.fit import Trace
-from mjmotion.kinematics import character_geoms
-from mjmotion.results import load_model, read_motion, write_motions
+from mjmotion.fitting import Trace
+from mjmotion.footsteps.contacts import Contact
+from mjmotion.output.result import Result
+from mjmotion.output.results import load_model, read_motion, write_motions
 from mjmotion.scene import compose, load_scene, with_ground
 
 FRAMES = 12
@@ -30,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     motion = walk.replace(walk.qpos[:FRAMES]).on(spec.compile())
     trace = Trace((), 0.0, 0.0, 0.0, 0)
     contacts = (Contact("left_heel", 2, 9),)
-    write_motions(path, Adaptation(motion, motion, contacts, trace, (), spec))
+    write_motions(path, Result(motion, motion, contacts, trace, (), spec))
     return path
 
 

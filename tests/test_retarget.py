@@ -13,15 +13,7 @@ import numpy as np
 import pytest
 from made_up import humanoid, loop_quats, loop_sites, walk
 
-from mjmotion.character import Proportions, make_character
-from mjmotion.clips import load_clip
-from mjmotion.constraints import SiteConstraint
-from mjmotion.contacts import Contact, detect_contacts
-from mjmotion.exceptions import ConstraintError, ContactError, FitError, ModelError
-from mjmotion.kinematics import Kinematics
-from mjmotion.limits import limit_excess
-from mjmotion.motion import Motion
-from mjmotion.retarget import (
+from mjmotion.apps.retarget import (
     check_span,
     copy_joints,
     held_shift,
@@ -32,8 +24,16 @@ from mjmotion.retarget import (
     retarget,
     with_soles,
 )
-from mjmotion.retarget.rest import rest_of, world
-from mjmotion.rotations import exp, log
+from mjmotion.apps.retarget.rest import rest_of, world
+from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.kinematics import Kinematics
+from mjmotion.body.motion import Motion
+from mjmotion.body.proportions import Proportions, make_character
+from mjmotion.clips import load_clip
+from mjmotion.constraints import SiteConstraint
+from mjmotion.exceptions import ConstraintError, ContactError, FitError, ModelError
+from mjmotion.footsteps.contacts import Contact, detect_contacts
+from mjmotion.numerics.rotations import exp, log
 from mjmotion.scene import compose, load_character, load_scene, scene_of
 from mjmotion.validation import validate
 

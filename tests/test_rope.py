@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 from made_up import MIXED, humanoid
 
-from mjmotion.cli import main
+from mjmotion.apps.rope import RopeClimb, RopePoints, climb_rope, measure, rope_points
+from mjmotion.apps.rope.climb import plan_climb
+from mjmotion.apps.rope.folder import marks
+from mjmotion.apps.rope.grasps import places_along
+from mjmotion.apps.rope.points import nearest_on_rope
+from mjmotion.body.motion import Motion
+from mjmotion.cli.main import main
 from mjmotion.clips.climb import climb_contacts, make_climb
 from mjmotion.clips.climb_grip import FEET, find_grips
 from mjmotion.clips.climb_plan import Hold
 from mjmotion.constraints import load_constraints
-from mjmotion.examples.rope import make_job
 from mjmotion.exceptions import ConstraintError, ModelError, RenderError, SceneError
-from mjmotion.motion import Motion
-from mjmotion.results import read_results
-from mjmotion.rope import RopeClimb, RopePoints, climb_rope, measure, rope_points
-from mjmotion.rope.climb import plan_climb
-from mjmotion.rope.folder import marks
-from mjmotion.rope.grasps import places_along
-from mjmotion.rope.points import nearest_on_rope
+from mjmotion.output.results import read_results
+from mjmotion.paper.rope import make_job
 from mjmotion.scene import Scene, compose, load_scene, rope, save_model
 
 # ---------------------------------------------------------------- the scene
@@ -279,7 +279,7 @@ def test_another_skeleton_cannot_climb(tmp_path: Path) -> None:
 
 
 def test_pictures_of_both(tmp_path: Path) -> None:
-    from mjmotion.video.beside import beside_frames, render_beside
+    from mjmotion.output.video.side_by_side import beside_frames, render_beside
 
     climb = small()
     motions, names = (climb.original, climb.motion), ("humanoid", "climber")

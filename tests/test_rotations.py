@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from mjmotion import rotations as rot
+from mjmotion.numerics import rotations as rot
 
 CLOSE = 1e-12  # [rad] and for matrix entries
 SOME = settings(deadline=None, max_examples=50, derandomize=True)

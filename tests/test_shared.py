@@ -11,7 +11,9 @@ import pytest
 from made_up import humanoid, loop_quats, loop_sites, mixed, pin
 from made_up import random_poses as poses
 
-from mjmotion.assets import find_asset
+from mjmotion.body.assets import find_asset
+from mjmotion.body.joint_coupling import couple
+from mjmotion.body.motion import Motion
 from mjmotion.constraints import (
     Constraint,
     LookAt,
@@ -20,16 +22,21 @@ from mjmotion.constraints import (
     Targets,
     lay_out,
 )
-from mjmotion.coupling import couple
+from mjmotion.constraints.shared_targets import (
+    RIGIDITY,
+    Sensitivity,
+    SharedMove,
+    SharedMoves,
+    free_moves,
+    with_moves,
+)
 from mjmotion.exceptions import ConstraintError, ModelError
-from mjmotion.fit import Fit, fit
+from mjmotion.fitting import Fit, fit
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import default_weights
-from mjmotion.motion import Motion
-from mjmotion.rotations import conjugate, exp, log, multiply, to_matrix, yaw_quat
-from mjmotion.shared import RIGIDITY, Sensitivity, SharedMove, SharedMoves, free_moves, with_moves
-from mjmotion.tangent import ominus, oplus
+from mjmotion.numerics.rotations import conjugate, exp, log, multiply, to_matrix, yaw_quat
+from mjmotion.numerics.tangent import ominus, oplus
 
 FEET = ("left_foot", "right_foot")
 PLANE, UP = np.eye(3)[:2], np.array((0.0, 0.0, 1.0))

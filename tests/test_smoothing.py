@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjmotion.smoothing import blend, envelope, fade
+from mjmotion.numerics.smoothing import blend, envelope, fade
 
 CLOSE = 1e-8
 BELOW = 2e-4  # how far under a wanted height an envelope may stay [m]

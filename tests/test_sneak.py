@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from made_up import humanoid, loop_quats, loop_sites, mixed
 
+from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.clips.sneak import KNEE, SPEED, STRIDE, make_sneak
-from mjmotion.contacts import detect_contacts
 from mjmotion.exceptions import ClipError, ModelError
-from mjmotion.limits import limit_excess
-from mjmotion.motion import Motion
-from mjmotion.rotations import rotate
-from mjmotion.tangent import ominus
+from mjmotion.footsteps.contacts import detect_contacts
+from mjmotion.numerics.rotations import rotate
+from mjmotion.numerics.tangent import ominus
 from mjmotion.validation.figures import joint_jerk_ratio
 
 

@@ -11,27 +11,27 @@ import numpy as np
 import pytest
 from made_up import humanoid, mixed, pin, random_poses, walk
 
-from mjmotion import limits
-from mjmotion.bones import Bones
+from mjmotion.body import joint_limits as limits
+from mjmotion.body.bones import Bones
+from mjmotion.body.kinematics import site_positions
+from mjmotion.body.motion import Motion
 from mjmotion.constraints import Constraint, LookAt, SiteConstraint, lay_out
+from mjmotion.constraints.shared_targets import SharedMove, SharedMoves
 from mjmotion.exceptions import ConstraintError, FitError
-from mjmotion.fit import fit
+from mjmotion.fitting import fit
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.reference import swing_twist_jacobian as one_swing_twist_jacobian
 from mjmotion.ik.solver import default_weights
-from mjmotion.kinematics import site_positions
-from mjmotion.motion import Motion
-from mjmotion.rotations import conjugate, exp, log, multiply, rotate
-from mjmotion.shared import SharedMove, SharedMoves
-from mjmotion.spacetime import Spacetime, objective, solve_spacetime
-from mjmotion.spacetime.moves import MovedTargets
-from mjmotion.spacetime.problem import Problem
-from mjmotion.spacetime.rotating import (
+from mjmotion.numerics.rotations import conjugate, exp, log, multiply, rotate
+from mjmotion.numerics.tangent import ominus
+from mjmotion.paper.conjugate_gradients import swing_twist_jacobian as one_swing_twist_jacobian
+from mjmotion.paper.spacetime import Spacetime, objective, solve_spacetime
+from mjmotion.paper.spacetime.moves import MovedTargets
+from mjmotion.paper.spacetime.problem import Problem
+from mjmotion.paper.spacetime.rotating import (
     inverse_right_jacobian,
     right_jacobian,
     swing_twist_jacobian,
 )
-from mjmotion.tangent import ominus
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from mjmotion.exceptions import FitError
-from mjmotion.spline import (
+from mjmotion.numerics.bspline import (
     basis,
     basis_matrix,
     fit_between,

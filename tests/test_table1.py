@@ -12,16 +12,14 @@ import numpy as np
 import pytest
 from made_up import loop_sites, pin, walk
 
-from mjmotion.cli import COMMANDS
+from mjmotion.body.kinematics import character_height
+from mjmotion.cli.main import COMMANDS
 from mjmotion.constraints import SiteConstraint
-from mjmotion.contacts import detect_contacts
-from mjmotion.examples import table1
-from mjmotion.examples.job import Job
-from mjmotion.examples.paper import PAPER
-from mjmotion.examples.print_table1 import BEGIN, END, lines, markdown, put_between
-from mjmotion.examples.table1 import Table1, drift_mm, make_job
-from mjmotion.examples.timing import interleaved, take_turns
-from mjmotion.examples.ways import (
+from mjmotion.exceptions import FitError, OutputError
+from mjmotion.footsteps.contacts import detect_contacts
+from mjmotion.numerics.bspline import basis_matrix, fit_level
+from mjmotion.paper import table1
+from mjmotion.paper.ablations import (
     COMPARISONS,
     WAYS,
     Measure,
@@ -35,9 +33,11 @@ from mjmotion.examples.ways import (
     pseudo_inverse,
     through_all,
 )
-from mjmotion.exceptions import FitError, OutputError
-from mjmotion.kinematics import character_height
-from mjmotion.spline import basis_matrix, fit_level
+from mjmotion.paper.job import Job
+from mjmotion.paper.jobs import PAPER
+from mjmotion.paper.print_table1 import BEGIN, END, lines, markdown, put_between
+from mjmotion.paper.table1 import Table1, drift_mm, make_job
+from mjmotion.paper.timing import interleaved, take_turns
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
@@ -418,6 +418,6 @@ def test_bad_words(words: tuple[str, ...], said: str) -> None:
 
 
 def test_names_are_those_of_the_command() -> None:
-    from mjmotion.commands.table1 import JOBS
+    from mjmotion.cli.table1 import JOBS
 
     assert tuple(PAPER) == JOBS

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from made_up import humanoid, mixed, random_poses
 from scipy.spatial.transform import Rotation
 
-from mjmotion.tangent import ominus, oplus
+from mjmotion.numerics.tangent import ominus, oplus
 
 ROUNDING = 1e-12  # [rad] or [m]
 MODELS = {"humanoid": humanoid, "mixed": mixed}

@@ -10,20 +10,8 @@ import numpy as np
 import pytest
 from made_up import humanoid, mixed
 
-from mjmotion.adapt import Adaptation, adapt
-from mjmotion.clips import load_clip
-from mjmotion.clips.gait import STRIDE, make_walk
-from mjmotion.clips.gait_plan import Segment
-from mjmotion.contacts import Contact, contact_mask, detect_contacts
-from mjmotion.examples.transition import FRAMES, make_clips, make_job, make_walk_464
-from mjmotion.exceptions import ClipError, ContactError
-from mjmotion.kinematics import Kinematics
-from mjmotion.motion import Motion
-from mjmotion.results import read_results
-from mjmotion.rotations import multiply, rotate, yaw_quat
-from mjmotion.scene import compose, load_scene
-from mjmotion.tangent import ominus
-from mjmotion.transition import (
+from mjmotion.apps.adaptation import adapt
+from mjmotion.apps.transition import (
     Overlap,
     Warp,
     blend,
@@ -36,8 +24,21 @@ from mjmotion.transition import (
     sample,
     transition,
 )
-from mjmotion.transition.overlap import headings, stride_frames
-from mjmotion.transition.warp import hermite
+from mjmotion.apps.transition.overlap import headings, stride_frames
+from mjmotion.apps.transition.warp import hermite
+from mjmotion.body.kinematics import Kinematics
+from mjmotion.body.motion import Motion
+from mjmotion.clips import load_clip
+from mjmotion.clips.gait import STRIDE, make_walk
+from mjmotion.clips.gait_plan import Segment
+from mjmotion.exceptions import ClipError, ContactError
+from mjmotion.footsteps.contacts import Contact, contact_mask, detect_contacts
+from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
+from mjmotion.numerics.tangent import ominus
+from mjmotion.output.result import Result
+from mjmotion.output.results import read_results
+from mjmotion.paper.transition import FRAMES, make_clips, make_job, make_walk_464
+from mjmotion.scene import compose, load_scene
 from mjmotion.validation import Validation, validate
 from mjmotion.validation.figures import joint_jerk_ratio
 
@@ -52,12 +53,12 @@ def clips() -> Clips:
 
 
 @pytest.fixture(scope="module")
-def joined(clips: Clips) -> Adaptation:
+def joined(clips: Clips) -> Result:
     walk, sneak = clips
     return join([walk, sneak, walk])
 
 
-def measured(result: Adaptation, motion: Motion | None = None) -> Validation:
+def measured(result: Result, motion: Motion | None = None) -> Validation:
     return validate(result.source, motion or result.motion, result.contacts)
 
 
@@ -316,7 +317,7 @@ def test_contacts_go_over_by_their_shares() -> None:
 # What comes of it
 
 
-def test_walk_to_sneak_and_back_slides_nowhere(joined: Adaptation, clips: Clips) -> None:
+def test_walk_to_sneak_and_back_slides_nowhere(joined: Result, clips: Clips) -> None:
     before, after = measured(joined, joined.source), measured(joined)
     assert before.metrics["stance_drift_mm"] > 5.0
     assert after.metrics["stance_drift_mm"] < 1.0 and after.broken() == []
@@ -326,13 +327,13 @@ def test_walk_to_sneak_and_back_slides_nowhere(joined: Adaptation, clips: Clips)
     assert joint_jerk_ratio(joined.motion, clips) < 1.3
 
 
-def test_the_source_is_the_blend(joined: Adaptation, clips: Clips) -> None:
+def test_the_source_is_the_blend(joined: Result, clips: Clips) -> None:
     walk, sneak = clips
     both = blend_clips([walk, sneak, walk])
     assert np.abs(ominus(walk.model, joined.source.qpos, both.motion.qpos)).max() < 1e-9
 
 
-def test_far_from_the_overlaps_nothing_changes(joined: Adaptation, clips: Clips) -> None:
+def test_far_from_the_overlaps_nothing_changes(joined: Result, clips: Clips) -> None:
     """The walk before and after is what the walk alone becomes on level ground."""
     walk, alone = clips[0], adapt(clips[0], load_scene("flat")).motion
     change = np.abs(ominus(walk.model, joined.motion.qpos[:60], alone.qpos[:60])).max(axis=1)
@@ -341,7 +342,7 @@ def test_far_from_the_overlaps_nothing_changes(joined: Adaptation, clips: Clips)
     assert change.max() < 0.02
 
 
-def test_it_goes_down_and_comes_up_again(joined: Adaptation) -> None:
+def test_it_goes_down_and_comes_up_again(joined: Result) -> None:
     height = joined.motion.qpos[:, 2]
     middle = slice(len(height) * 2 // 5, len(height) // 2)
     assert height[middle].min() < min(height[:40].min(), height[-40:].min()) - 0.08

@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmotion.contacts import Contact
+from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, MotionError
-from mjmotion.motion import Motion
+from mjmotion.footsteps.contacts import Contact
 from mjmotion.validation import THRESHOLDS, read_thresholds, validate
 from mjmotion.validation.figures import joint_jerk, sole_sites
 from mjmotion.validation.ground import Ground

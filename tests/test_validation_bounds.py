@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmotion.motion import Motion
+from mjmotion.body.motion import Motion
 from mjmotion.validation.field import BoxTops, Tops
 from mjmotion.validation.figures import Swing, poses_of, swing_clearances
 from mjmotion.validation.ground import Ground, ground_of

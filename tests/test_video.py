@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from mjmotion import exceptions
-from mjmotion.contacts import Contact
-from mjmotion.kinematics import RayCaster
-from mjmotion.motion import Motion
-from mjmotion.video import (
+from mjmotion.body.kinematics import RayCaster
+from mjmotion.body.motion import Motion
+from mjmotion.footsteps.contacts import Contact
+from mjmotion.output.video import (
     Canvas,
     VideoWriter,
     ensure_gl,
@@ -24,9 +24,9 @@ from mjmotion.video import (
     render_video,
     video_frames,
 )
-from mjmotion.video.camera import FOVY, figure_extent, follow
-from mjmotion.video.field import FieldWindow
-from mjmotion.video.stage import picture_model, without_character
+from mjmotion.output.video.camera import FOVY, figure_extent, follow
+from mjmotion.output.video.field import FieldWindow
+from mjmotion.output.video.stage import picture_model, without_character
 
 FIGURE = """
 <mujoco>
@@ -489,8 +489,8 @@ class CDLL(load):
         super().__init__(name, *args, **kwargs)
 ctypes.CDLL = CDLL
 import mujoco, mjmotion
-from mjmotion.video import ensure_gl, render_video
-from mjmotion.motion import Motion
+from mjmotion.output.video import ensure_gl, render_video
+from mjmotion.body.motion import Motion
 from mjmotion.exceptions import RenderError
 model = mujoco.MjModel.from_xml_string(sys.argv[1])
 try:
@@ -519,7 +519,7 @@ def test_missing_library_names_the_packages(tmp_path):
 
 def test_importing_binds_no_graphics_and_no_encoder():
     done = run(
-        "import sys, mjmotion.video\n"
+        "import sys, mjmotion.output.video\n"
         "print([m for m in ('OpenGL', 'imageio', 'imageio_ffmpeg', 'PIL', 'matplotlib', 'scipy')"
         " if m in sys.modules])"
     )

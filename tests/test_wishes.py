@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mjmotion.body.motion import Motion
 from mjmotion.constraints import LookAt, RelativeConstraint, SiteConstraint
-from mjmotion.fit import Unmet
-from mjmotion.motion import Motion
-from mjmotion.results import load_model
-from mjmotion.rotations import exp, normalized
-from mjmotion.wishes import Missed, all_missed, unmet_wishes
+from mjmotion.constraints.unmet import Missed, all_missed, unmet_wishes
+from mjmotion.fitting import Unmet
+from mjmotion.numerics.rotations import exp, normalized
+from mjmotion.output.results import load_model
 
 ROOT = Path(__file__).parents[1]
 

@@ -12,16 +12,16 @@ from typing import Any
 
 import mujoco
 
-from mjmotion.assets import find_asset
+from mjmotion.body.assets import find_asset
+from mjmotion.body.motion import Motion
 from mjmotion.clips.asf import read_amc
 from mjmotion.clips.bvh import read_bvh
 from mjmotion.clips.mapping import Mapped, map_clip, to_motion
 from mjmotion.clips.rig import ROLES, Rig, find_rig
 from mjmotion.clips.skeleton import Clip
 from mjmotion.clips.table import read_csv, write_csv
-from mjmotion.contacts import Contact
 from mjmotion.exceptions import ClipError, unknown_name
-from mjmotion.motion import Motion
+from mjmotion.footsteps.contacts import Contact
 
 __all__ = [
     "ROLES",
@@ -48,8 +48,9 @@ def builtin_clips() -> dict[str, Callable[[mujoco.MjModel], Motion]]:
     """Return the clips that need no file: name to a function that makes the motion on a model."""
     from mjmotion.clips.climb import make_climb
     from mjmotion.clips.gait import BUILTIN
+    from mjmotion.clips.sneak import make_sneak
 
-    return {**BUILTIN, "climb": make_climb}
+    return {**BUILTIN, "sneak": make_sneak, "climb": make_climb}
 
 
 def builtin_contacts(name: str) -> tuple[Contact, ...] | None:

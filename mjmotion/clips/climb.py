@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.motion import Motion
 from mjmotion.clips.climb_grip import LIMBS, ROPE_RADIUS, find_grips
 from mjmotion.clips.climb_plan import (
     FPS,
@@ -25,11 +26,10 @@ from mjmotion.clips.climb_plan import (
     plan_holds,
 )
 from mjmotion.constraints import SiteConstraint
-from mjmotion.contacts import Contact
 from mjmotion.exceptions import ModelError
-from mjmotion.fit import fit
-from mjmotion.motion import Motion
-from mjmotion.rotations import cross, exp, from_matrix, log, multiply, normalized, yaw_quat
+from mjmotion.fitting import fit
+from mjmotion.footsteps.contacts import Contact
+from mjmotion.numerics.rotations import cross, exp, from_matrix, log, multiply, normalized, yaw_quat
 
 Array = NDArray[np.float64]
 

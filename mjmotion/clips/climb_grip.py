@@ -14,9 +14,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.kinematics import site_id
 from mjmotion.exceptions import ModelError
-from mjmotion.kinematics import site_id
-from mjmotion.rotations import conjugate, exp, multiply, rotate, to_matrix, yaw_quat
+from mjmotion.numerics.rotations import conjugate, exp, multiply, rotate, to_matrix, yaw_quat
 from mjmotion.scene.rope import RADIUS as ROPE_RADIUS
 
 Array = NDArray[np.float64]

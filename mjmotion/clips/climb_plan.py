@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.clips.climb_grip import HANDS, LIMBS, Grip
-from mjmotion.clips.gait_plan import ease
 from mjmotion.constraints import SiteConstraint
-from mjmotion.contacts import Contact
-from mjmotion.rotations import exp, multiply
+from mjmotion.footsteps.contacts import Contact
+from mjmotion.numerics.rotations import exp, multiply
+from mjmotion.numerics.smoothing import ease
 
 Array = NDArray[np.float64]
 

@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 
-from mjmotion import rotations as rot
 from mjmotion.clips.rig import SIDES, Rig
 from mjmotion.clips.skeleton import Clip, pose_skeleton
 from mjmotion.exceptions import ClipError, frame_list
+from mjmotion.numerics import rotations as rot
 
 Array = rot.Array
 

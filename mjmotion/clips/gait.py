@@ -18,6 +18,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.kinematics import Kinematics
+from mjmotion.body.limbs import Limbs
+from mjmotion.body.motion import Motion
 from mjmotion.clips.gait_feet import (
     TOE_OFF,
     Roll,
@@ -28,13 +31,11 @@ from mjmotion.clips.gait_feet import (
     swing_phases,
 )
 from mjmotion.clips.gait_legs import SIDES, close_legs, knee_room, leg_of, pelvis_height
-from mjmotion.clips.gait_plan import Path, Segment, ease, plan_path, plan_steps
+from mjmotion.clips.gait_plan import Path, Segment, plan_path, plan_steps
 from mjmotion.clips.gait_table import GaitTable, gait_table
 from mjmotion.exceptions import ClipError, ModelError
-from mjmotion.ik.limb import Limbs
-from mjmotion.kinematics import Kinematics
-from mjmotion.motion import Motion
-from mjmotion.rotations import exp, multiply, rotate, yaw_quat
+from mjmotion.numerics.rotations import exp, multiply, rotate, yaw_quat
+from mjmotion.numerics.smoothing import ease
 
 Array = NDArray[np.float64]
 
@@ -242,12 +243,6 @@ def _part(
     return make_walk(model, segments=segments, stand=stand)
 
 
-def _sneak(model: mujoco.MjModel) -> Motion:
-    from mjmotion.clips.sneak import make_sneak  # it is built on this module
-
-    return make_sneak(model)
-
-
 def _turn(kind: str) -> tuple[Segment, ...]:
     """Return a turn with a stride before and after it, in which clips are joined."""
     return (Segment("straight", 1.0), Segment(kind, 2.0), Segment("straight", 1.0))
@@ -263,5 +258,4 @@ BUILTIN: dict[str, Callable[[mujoco.MjModel], Motion]] = {
     "stop": partial(
         _part, (Segment("straight", 1.0), Segment("stop")), stand=(_STAND[0], _STAND_LONGER)
     ),
-    "sneak": _sneak,
 }

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.clips.gait_plan import Steps, ease
-from mjmotion.rotations import exp, multiply, yaw_quat
+from mjmotion.numerics.rotations import exp, multiply, yaw_quat
 
 Array = NDArray[np.float64]
 

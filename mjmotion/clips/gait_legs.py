@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.limbs import Limb, Limbs, find_limbs
 from mjmotion.exceptions import ModelError
-from mjmotion.ik.limb import Limb, Limbs, find_limbs
-from mjmotion.rotations import conjugate, exp, multiply
+from mjmotion.numerics.rotations import conjugate, exp, multiply
 
 Array = NDArray[np.float64]
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.exceptions import ClipError, unknown_name
+from mjmotion.numerics.smoothing import ease
 
 Array = NDArray[np.float64]
 
@@ -81,12 +82,6 @@ class Path:
         rate = (self.psi[-1] - self.psi[-2]) / (self.time[-1] - self.time[-2])
         beyond = time - np.clip(time, self.time[0], self.time[-1])
         return np.asarray(inside + rate * beyond)
-
-
-def ease(x: Array) -> Array:
-    """Return the smooth step from 0 at x <= 0 to 1 at x >= 1, with two smooth derivatives."""
-    x = np.clip(x, 0.0, 1.0)
-    return x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
 
 
 def plan_path(segments: Sequence[Segment], stride: float, speed: float, turning: float) -> Path:

@@ -7,8 +7,8 @@ import dataclasses
 import mujoco
 import numpy as np
 
-from mjmotion import rotations as rot
-from mjmotion.clips.feet import Foot, place_feet
+from mjmotion.body.joint_limits import clamp_to_limits, limit_excess, swing_twist
+from mjmotion.body.motion import Motion
 from mjmotion.clips.frames import (
     UP,
     Upright,
@@ -19,12 +19,12 @@ from mjmotion.clips.frames import (
     make_upright,
     mend_glitches,
 )
+from mjmotion.clips.measures import HumanoidMeasures
+from mjmotion.clips.recorded_feet import Foot, place_feet
 from mjmotion.clips.rig import SIDES, Rig, find_rig
 from mjmotion.clips.skeleton import Clip
-from mjmotion.exceptions import ModelError, unknown_name
-from mjmotion.limits import ball_limits, clamp_to_limits, limit_excess, swing_twist
-from mjmotion.motion import Motion
-from mjmotion.smoothing import cover
+from mjmotion.numerics import rotations as rot
+from mjmotion.numerics.smoothing import cover
 
 Array = rot.Array
 
@@ -51,35 +51,6 @@ class Mapped:
     notes: tuple[str, ...]
 
 
-class Figure:
-    """Measures of the humanoid that mapping needs, read from its model."""
-
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self.model = model
-        names = [model.body(i).name for i in range(model.nbody)]
-        for name in ("pelvis", "torso", "left_thigh", "left_shank", "left_foot", "left_forearm"):
-            if name not in names:
-                raise ModelError(f"clips go onto the humanoid: {unknown_name('body', name, names)}")
-        self.thigh = float(np.linalg.norm(model.body("left_shank").pos))
-        self.shank = float(np.linalg.norm(model.body("left_foot").pos))
-        self.hips = {side: np.array(model.body(f"{side}_thigh").pos) for side in SIDES}
-        boxes = ball_limits(model)
-        ankles = {side: boxes.get(model.joint(f"{side}_ankle").id) for side in SIDES}
-        # The foot's toes-up turn is negative about y.
-        self.most_dorsiflexion = {
-            side: -np.pi if box is None else float(box[1, 0]) for side, box in ankles.items()
-        }
-
-    @property
-    def leg(self) -> float:
-        """Length of a leg, hip to ankle [m]."""
-        return self.thigh + self.shank
-
-    def site(self, name: str) -> Array:
-        """Return a site's position in its body."""
-        return np.array(self.model.site(name).pos)
-
-
 def to_motion(clip: Clip, model: mujoco.MjModel, rig: Rig | None = None) -> Motion:
     """Return the clip as a motion of the humanoid; see :func:`map_clip`."""
     return map_clip(clip, model, rig).motion
@@ -101,7 +72,7 @@ def map_clip(clip: Clip, model: mujoco.MjModel, rig: Rig | None = None) -> Mappe
       ClipError: the skeleton cannot be mapped.
       ModelError: the model is not the humanoid.
     """
-    figure = Figure(model)
+    figure = HumanoidMeasures(model)
     rig = find_rig(clip) if rig is None else rig
     clip, dropped = drop_rest_frame(clip)
     clip, mended = mend_glitches(clip)
@@ -165,7 +136,7 @@ def bend_leg(
 
 
 def _leg(
-    hip: Array, foot: Foot, side: str, figure: Figure, fps: float
+    hip: Array, foot: Foot, side: str, figure: HumanoidMeasures, fps: float
 ) -> tuple[Array, Array, Array]:
     """Return the thigh's orientations, the knee's angles and the foot's orientations of one side.
 
@@ -186,7 +157,7 @@ def _leg(
     return thigh, knee, tipped.quat
 
 
-def _trunk(source: Upright, figure: Figure) -> dict[str, Array]:
+def _trunk(source: Upright, figure: HumanoidMeasures) -> dict[str, Array]:
     """Return the orientations (nframe, 4) of pelvis, torso, neck and head."""
     hips = source.at("left_hip") - source.at("right_hip")
     chain = _spine(source)
@@ -308,7 +279,7 @@ def _foot(source: Upright, side: str) -> Foot:
     return Foot.recorded(ankle, ball, joint, normal, rest_pitch, source.clip.fps)
 
 
-def _hip_shift(source: Upright, side: str, pelvis: Array, figure: Figure) -> Array:
+def _hip_shift(source: Upright, side: str, pelvis: Array, figure: HumanoidMeasures) -> Array:
     """Return (nframe, 3) how far a foot moves sideways because the humanoid's hips are narrower.
 
     Without it the legs of a broad-hipped skeleton would splay and reach less far down. The side

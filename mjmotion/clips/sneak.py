@@ -17,15 +17,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.limbs import Limbs
+from mjmotion.body.motion import Motion
 from mjmotion.clips.gait import check_model
 from mjmotion.clips.gait_feet import Roll, Swing, both_feet, foot_shape, swing_shares
 from mjmotion.clips.gait_legs import SIDES, close_legs, knee_room, leg_of, pelvis_height
-from mjmotion.clips.gait_plan import Path, Segment, ease, plan_path, plan_steps
+from mjmotion.clips.gait_plan import Path, Segment, plan_path, plan_steps
 from mjmotion.clips.gait_table import GaitTable
 from mjmotion.exceptions import ClipError
-from mjmotion.ik.limb import Limbs
-from mjmotion.motion import Motion
-from mjmotion.rotations import exp, log, multiply, yaw_quat
+from mjmotion.numerics.rotations import exp, log, multiply, yaw_quat
+from mjmotion.numerics.smoothing import ease
 
 Array = NDArray[np.float64]
 

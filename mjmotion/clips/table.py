@@ -12,9 +12,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from mjmotion.body.motion import Motion
 from mjmotion.clips.skeleton import read_text
 from mjmotion.exceptions import ClipError, frame_list
-from mjmotion.motion import Motion
 
 _PARTS = {
     int(mujoco.mjtJoint.mjJNT_FREE): ("x", "y", "z", "qw", "qx", "qy", "qz"),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from mjmotion.constraints.file import load_constraints
 from mjmotion.constraints.targets import Gaze, Link, Targets, lay_out
-from mjmotion.constraints.wanted import Constraint, LookAt, RelativeConstraint, SiteConstraint
+from mjmotion.constraints.types import Constraint, LookAt, RelativeConstraint, SiteConstraint
 
 __all__ = [
     "Constraint",

@@ -24,9 +24,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjmotion.constraints.wanted import Constraint, LookAt, RelativeConstraint, SiteConstraint
+from mjmotion.body.kinematics import site_id
+from mjmotion.constraints.types import Constraint, LookAt, RelativeConstraint, SiteConstraint
 from mjmotion.exceptions import ConstraintError, MotionError
-from mjmotion.kinematics import site_id
 
 _KEYS = {
     SiteConstraint: {"site", "frames", "position", "quat", "weight", "free"},

@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.constraints.wanted import Constraint, LookAt, RelativeConstraint, SiteConstraint
+from mjmotion.body.kinematics import site_id
+from mjmotion.constraints.types import Constraint, LookAt, RelativeConstraint, SiteConstraint
 from mjmotion.exceptions import ConstraintError, frame_list
-from mjmotion.kinematics import site_id
-from mjmotion.rotations import to_matrix
+from mjmotion.numerics.rotations import to_matrix
 
 Array = NDArray[np.float64]
 

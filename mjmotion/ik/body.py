@@ -8,13 +8,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.joint_coupling import Coupling, coupling
+from mjmotion.body.joint_limits import ball_limits, swing_twist
+from mjmotion.body.kinematics import body_dofs, body_pose
+from mjmotion.body.limbs import Limbs, LimbState
 from mjmotion.constraints import Targets
-from mjmotion.coupling import Coupling, coupling
 from mjmotion.ik.edges import Edges
-from mjmotion.ik.limb import Limbs, LimbState
-from mjmotion.kinematics import body_dofs, body_pose
-from mjmotion.limits import ball_limits, swing_twist
-from mjmotion.rotations import cross, exp, multiply, rotate, to_matrix
+from mjmotion.numerics.rotations import cross, exp, multiply, rotate, to_matrix
 
 Array = NDArray[np.float64]
 

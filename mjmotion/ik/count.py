@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from mjmotion.coupling import coupling
-from mjmotion.ik.limb import find_limbs
-from mjmotion.kinematics import body_dofs, site_id
+from mjmotion.body.joint_coupling import coupling
+from mjmotion.body.kinematics import body_dofs, site_id
+from mjmotion.body.limbs import find_limbs
 
 
 def parameters(model: mujoco.MjModel, sites: Sequence[str]) -> tuple[int, int]:

@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion import limits
-from mjmotion.ik.limb import Limbs
+from mjmotion.body import joint_limits as limits
+from mjmotion.body.limbs import Limbs
 
 Array = NDArray[np.float64]
 

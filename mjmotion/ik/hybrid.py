@@ -25,16 +25,17 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.bones import Bones
+from mjmotion.body.bones import Bones
+from mjmotion.body.joint_coupling import coupling
+from mjmotion.body.kinematics import body_dofs
+from mjmotion.body.limbs import Limb, Limbs, LimbState, find_limbs, limbs_of
 from mjmotion.constraints import Targets
-from mjmotion.coupling import coupling
+from mjmotion.constraints.shared_targets import Sensitivity
 from mjmotion.ik.body import Base, Reduced
 from mjmotion.ik.edges import Edges, find_edges, same
-from mjmotion.ik.limb import Limb, Limbs, LimbState, find_limbs, limbs_of
 from mjmotion.ik.numeric import NumericIK
 from mjmotion.ik.solver import Clearance, Solution, default_weights
-from mjmotion.kinematics import body_dofs
-from mjmotion.rotations import (
+from mjmotion.numerics.rotations import (
     conjugate,
     dot,
     exp,
@@ -43,7 +44,6 @@ from mjmotion.rotations import (
     norm,
     rotate,
 )
-from mjmotion.shared import Sensitivity
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ class HybridIK:
     """Closed-form limbs under a numeric body.
 
     Args:
-      model: a MuJoCo model with a free root and limbs (:func:`mjmotion.ik.limb.find_limbs`).
+      model: a MuJoCo model with a free root and limbs (:func:`mjmotion.body.limbs.find_limbs`).
       weights: (nv,) rigidity α of Eq. 4.
       bones: a body that is not the model's own, or one for each frame of the motion.
     """

@@ -19,10 +19,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion import limits
-from mjmotion.bones import Bones
+from mjmotion.body import joint_limits as limits
+from mjmotion.body.bones import Bones
+from mjmotion.body.joint_coupling import couple, coupling
+from mjmotion.body.kinematics import Kinematics, Pose, body_dofs
 from mjmotion.constraints import Targets
-from mjmotion.coupling import couple, coupling
+from mjmotion.constraints.shared_targets import Sensitivity
 from mjmotion.ik.rows import gaze_rows, link_rows
 from mjmotion.ik.solver import (
     Clearance,
@@ -31,10 +33,8 @@ from mjmotion.ik.solver import (
     default_weights,
     position_error,
 )
-from mjmotion.kinematics import Kinematics, Pose, body_dofs
-from mjmotion.rotations import from_matrix, log
-from mjmotion.shared import Sensitivity
-from mjmotion.tangent import ominus, oplus
+from mjmotion.numerics.rotations import from_matrix, log
+from mjmotion.numerics.tangent import ominus, oplus
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.kinematics import Pose
 from mjmotion.constraints import Gaze, Link
 from mjmotion.ik.solver import link_position
-from mjmotion.kinematics import Pose
-from mjmotion.rotations import between, cross, from_matrix, log, to_matrix
+from mjmotion.numerics.rotations import between, cross, from_matrix, log, to_matrix
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.kinematics import Pose
 from mjmotion.constraints import Link, Targets
-from mjmotion.kinematics import Pose
-from mjmotion.shared import Sensitivity
+from mjmotion.constraints.shared_targets import Sensitivity
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.kinematics import RayCaster
+from mjmotion.body.kinematics import RayCaster
 from mjmotion.scene.model import Scene
 
 Array = NDArray[np.float64]

@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjmotion.exceptions import SceneError
-from mjmotion.scene.model import first_line
+from mjmotion.exceptions import SceneError, mujoco_message
 from mjmotion.scene.stage import (
     GROUND,
     add_mesh_material,
@@ -199,7 +198,7 @@ def _mesh_scene(
     try:
         add_start(spec)
     except ValueError as error:
-        raise SceneError(f"mesh '{path}' does not compile: {first_line(error)}") from error
+        raise SceneError(f"mesh '{path}' does not compile: {mujoco_message(error)}") from error
     return spec
 
 
@@ -216,7 +215,7 @@ def _read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], bool
     except Exception as error:  # trimesh raises what its many readers raise
         raise SceneError(
             f"'{path}' is not a mesh that trimesh can read ({type(error).__name__}: "
-            f"{first_line(error)}): use .obj, .stl, .ply or .glb"
+            f"{mujoco_message(error)}): use .obj, .stl, .ply or .glb"
         ) from error
     if len(faces) == 0 or not np.isfinite(vertices).all():
         raise SceneError(f"mesh '{path}' has no triangles or vertices that are not finite")
@@ -275,4 +274,4 @@ def _sample(
     try:
         return ground_heights(spec, grid).reshape(count[1], count[0])
     except ValueError as error:
-        raise SceneError(f"mesh '{path}' does not compile: {first_line(error)}") from error
+        raise SceneError(f"mesh '{path}' does not compile: {mujoco_message(error)}") from error

@@ -18,10 +18,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.assets import find_asset
-from mjmotion.exceptions import ModelError, MotionError, SceneError
-from mjmotion.kinematics import character_geoms
-from mjmotion.motion import check_free_root
+from mjmotion.body.assets import find_asset
+from mjmotion.body.kinematics import character_geoms
+from mjmotion.body.motion import check_free_root
+from mjmotion.exceptions import ModelError, MotionError, SceneError, mujoco_message
 
 START_SITE = "start"
 """Name of the site where a clip begins; its x-axis is the way it walks."""
@@ -64,7 +64,7 @@ class Scene:
         try:
             model = spec.compile()
         except (ValueError, OSError, mujoco.FatalError) as error:
-            raise SceneError(f"scene '{name}' does not compile: {first_line(error)}") from error
+            raise SceneError(f"scene '{name}' does not compile: {mujoco_message(error)}") from error
         pos, yaw = _start(model, name)
         return cls(spec, model, name, pos, yaw)
 
@@ -82,7 +82,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
         spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, OSError, mujoco.FatalError) as error:
         raise SceneError(
-            f"scene '{path}' is not a MuJoCo model MuJoCo can read: {first_line(error)}"
+            f"scene '{path}' is not a MuJoCo model MuJoCo can read: {mujoco_message(error)}"
         ) from error
     try:
         return Scene.from_spec(spec, path.stem)
@@ -174,28 +174,6 @@ def scene_of(character: str | Path | mujoco.MjSpec) -> Scene | None:
     return Scene.from_spec(spec, name)
 
 
-def first_line(error: BaseException) -> str:
-    """Return MuJoCo's message as one line: what went wrong and, if it says so, in which element."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    if not lines:
-        return type(error).__name__
-    text = lines[0].removeprefix("Error: ").removeprefix("XML Error: ")
-    if text.startswith("XML parse error"):
-        return "it is not well-formed XML" + _line_of(lines)
-    element = next((line for line in lines[1:] if line.startswith("Element")), "")
-    return f"{text} ({element})" if element else text
-
-
-def _line_of(lines: list[str]) -> str:
-    """Return `` (line n)`` where TinyXML's message tells the line."""
-    text = " ".join(lines)
-    mark = "Line number="
-    if mark not in text:
-        return ""
-    number = text.split(mark, 1)[1].split(":", 1)[0].split()[0]
-    return f" (line {number})"
-
-
 def _start(model: mujoco.MjModel, name: str) -> tuple[NDArray[np.float64], float]:
     """Return position (3,) [m] and yaw [rad] of the start site in the scene's first pose."""
     site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, START_SITE)
@@ -233,7 +211,7 @@ def load_character(character: str | Path | mujoco.MjSpec, *, known: bool = False
             return spec
         model = spec.compile()
     except (ValueError, OSError, mujoco.FatalError) as error:
-        raise ModelError(f"character '{path}' does not compile: {first_line(error)}") from error
+        raise ModelError(f"character '{path}' does not compile: {mujoco_message(error)}") from error
     try:
         check_free_root(model)
     except ModelError as error:
@@ -335,7 +313,7 @@ def _attach(spec: mujoco.MjSpec, stage: mujoco.MjSpec, name: str) -> None:
 
 def _clash(error: BaseException, name: str) -> MotionError:
     return SceneError(
-        f"scene '{name}' cannot be put together with the character: {first_line(error)};"
+        f"scene '{name}' cannot be put together with the character: {mujoco_message(error)};"
         " rename it in the scene"
     )
 

@@ -10,8 +10,7 @@ from xml.sax.saxutils import escape
 import mujoco
 import numpy as np
 
-from mjmotion.exceptions import OutputError, SceneError
-from mjmotion.scene.model import first_line
+from mjmotion.exceptions import OutputError, SceneError, mujoco_message
 
 _CUBE_FACES = 6
 
@@ -40,7 +39,7 @@ def save_model(spec: mujoco.MjSpec, folder: str | Path, filename: str = "model.x
     try:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise SceneError(f"the model does not compile: {first_line(error)}") from error
+        raise SceneError(f"the model does not compile: {mujoco_message(error)}") from error
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _write_hfields(spec, model, folder)
@@ -59,7 +58,7 @@ def save_model(spec: mujoco.MjSpec, folder: str | Path, filename: str = "model.x
             f"cannot write the model into '{folder}': {error.strerror or error}"
         ) from error
     except (ValueError, mujoco.FatalError) as error:
-        raise SceneError(f"the model cannot be saved as MJCF: {first_line(error)}") from error
+        raise SceneError(f"the model cannot be saved as MJCF: {mujoco_message(error)}") from error
     return path
 
 

@@ -13,12 +13,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.morph_body import MorphBody
+from mjmotion.body.motion import Motion
 from mjmotion.exceptions import MotionError
-from mjmotion.morph.body import MorphBody
-from mjmotion.morph.measure import body_poses
-from mjmotion.motion import Motion
 from mjmotion.validation.figures import Poses, Swing
 from mjmotion.validation.ground import Ground
+from mjmotion.validation.morph_poses import body_poses
 from mjmotion.validation.penetration import Character
 from mjmotion.validation.solids import reach, solid_of
 

@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.contacts import Contact
-from mjmotion.limits import limit_excess, limit_names
-from mjmotion.morph.body import MorphBody
-from mjmotion.motion import Motion
+from mjmotion.body.joint_limits import limit_excess, limit_names
+from mjmotion.body.morph_body import MorphBody
+from mjmotion.body.motion import Motion
+from mjmotion.footsteps.contacts import Contact
 from mjmotion.validation.changing import Changing
 from mjmotion.validation.figures import (
     Poses,

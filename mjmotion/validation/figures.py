@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.contacts import Contact
+from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, MotionError, unknown_name
-from mjmotion.motion import Motion
-from mjmotion.tangent import ominus
+from mjmotion.footsteps.contacts import Contact
+from mjmotion.numerics.tangent import ominus
 from mjmotion.validation.ground import Ground
 from mjmotion.validation.penetration import (
     Character,

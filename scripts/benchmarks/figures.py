@@ -6,7 +6,7 @@ import dataclasses
 import math
 from typing import Any
 
-from mjmotion.examples.timing import interleaved, machine, seconds
+from mjmotion.paper.timing import interleaved, machine, seconds
 
 __all__ = ["Figure", "interleaved", "machine", "seconds"]
 

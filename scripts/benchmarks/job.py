@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
-from mjmotion.examples import terrain
-from mjmotion.examples.job import LEVELS
-from mjmotion.fit import Fit, fit
-from mjmotion.motion import Motion
+from mjmotion.fitting import Fit, fit
+from mjmotion.paper import terrain
+from mjmotion.paper.job import LEVELS
 
 Array = NDArray[np.float64]
 

@@ -7,14 +7,14 @@ from collections.abc import Callable
 
 from benchmarks.figures import Figure
 from benchmarks.quality import MOCAP
+from mjmotion.apps.retarget import retarget
+from mjmotion.apps.rope import climb_rope
+from mjmotion.apps.transition import join
+from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
-from mjmotion.examples.table1 import DRIFT, EXACT, FASTER, JERK, REPEATS
-from mjmotion.examples.table1 import run as run_table1
 from mjmotion.exceptions import MotionError
-from mjmotion.motion import Motion
-from mjmotion.retarget import retarget
-from mjmotion.rope import climb_rope
-from mjmotion.transition import join
+from mjmotion.paper.table1 import DRIFT, EXACT, FASTER, JERK, REPEATS
+from mjmotion.paper.table1 import run as run_table1
 from mjmotion.validation import Validation, validate
 from mjmotion.validation.figures import joint_jerk_ratio
 
@@ -41,7 +41,7 @@ def run(say: Callable[[str], None]) -> list[Figure]:
 
 def table1() -> list[Figure]:
     """Return the four jobs' sizes, errors, drift and jerk, and both solvers on the rope."""
-    from mjmotion.examples.paper import PAPER
+    from mjmotion.paper.jobs import PAPER
 
     found = run_table1(JOBS, repeats=REPEATS, ways=False)
     figures = []

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.figures import Figure
-from mjmotion.adapt import adapt
+from mjmotion.apps.adaptation import adapt
+from mjmotion.body.motion import Motion
 from mjmotion.clips import builtin_clips, load_clip
 from mjmotion.exceptions import MotionError, frame_list
-from mjmotion.motion import Motion
 from mjmotion.scene import Scene, load_scene
 from mjmotion.validation import THRESHOLDS, Validation, validate
 from mjmotion.validation.result import asked_clearance

@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 from benchmarks.figures import Figure, interleaved
 from benchmarks.job import LEVELS, Job
 from benchmarks.speed import jerk
-from mjmotion.adapt import plan
+from mjmotion.apps.adaptation import plan
+from mjmotion.body.kinematics import character_height, site_positions
+from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
-from mjmotion.fit import Fit, fit, residuals
+from mjmotion.constraints.shared_targets import SharedMove
+from mjmotion.fitting import Fit, fit, residuals
 from mjmotion.ik.solver import default_weights
-from mjmotion.kinematics import character_height, site_positions
-from mjmotion.motion import Motion
+from mjmotion.numerics.tangent import ominus
+from mjmotion.paper.spacetime import TOLERANCE, Spacetime, objective, solve_spacetime
 from mjmotion.scene import load_scene
-from mjmotion.shared import SharedMove
-from mjmotion.spacetime import TOLERANCE, Spacetime, objective, solve_spacetime
-from mjmotion.tangent import ominus
 
 Array = NDArray[np.float64]
 

@@ -11,12 +11,12 @@ import numpy as np
 from benchmarks.figures import Figure, interleaved
 from benchmarks.job import Job
 from benchmarks.mink_ik import make_solver
-from mjmotion.adapt import adapt
+from mjmotion.apps.adaptation import adapt
+from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.constraints import lay_out
 from mjmotion.exceptions import MotionError
-from mjmotion.fit import residuals
-from mjmotion.motion import Motion
+from mjmotion.fitting import residuals
 from mjmotion.scene import compose, load_scene
 from mjmotion.validation import validate
 from mjmotion.validation.figures import joint_jerk

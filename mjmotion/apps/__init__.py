@@ -1,0 +1,1 @@
+"""The applications: each makes constraints from what is asked, and calls the fit."""

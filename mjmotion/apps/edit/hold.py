@@ -1,0 +1,181 @@
+"""What stays where it was while a frame is edited: feet on their paths, and whatever is held."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.apps.edit.span import Span
+from mjmotion.body.feet import Foot, find_feet
+from mjmotion.body.kinematics import Kinematics, site_id
+from mjmotion.body.motion import Motion
+from mjmotion.constraints import SiteConstraint
+from mjmotion.exceptions import ModelError
+from mjmotion.footsteps.ankles import give, standing
+from mjmotion.footsteps.contacts import Contact
+from mjmotion.footsteps.paths import FootPath
+from mjmotion.numerics.rotations import (
+    conjugate,
+    continuous,
+    exp,
+    from_matrix,
+    log,
+    multiply,
+    rotate,
+)
+
+Array = NDArray[np.float64]
+Hold = Literal["feet", "contacts", "frame"]
+
+HOLDS: tuple[Hold, ...] = ("feet", "contacts", "frame")
+SHORTEST = 0.07  # what is left of a heel's contact is dropped when it is shorter [s]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Held:
+    """What stays where it was.
+
+    Attributes:
+      feet: the feet.
+      paths: where each foot is at every frame; ``stance`` says at which frames it is held there.
+      others: what else is held, such as hands.
+      contacts: who stands when.
+    """
+
+    feet: tuple[Foot, ...]
+    paths: tuple[FootPath, ...]
+    others: tuple[SiteConstraint, ...]
+    contacts: tuple[Contact, ...]
+
+    def constraints(self) -> list[SiteConstraint]:
+        """Return the feet posed at the frames at which they are held, and the others."""
+        posed = [
+            SiteConstraint(path.site, at, path.position[at], path.quat[at], contact=True)
+            for path in self.paths
+            if len(at := np.flatnonzero(path.stance))
+        ]
+        return [*posed, *self.others]
+
+    def at(self, frame: int) -> Held:
+        """Return what is held at one frame, as frame 0 of a motion of that frame alone."""
+        row = slice(frame, frame + 1)
+        paths = tuple(
+            dataclasses.replace(
+                path,
+                **{
+                    name: getattr(path, name)[row]
+                    for name in ("position", "quat", "shift", "stance", "lift")
+                },
+            )
+            for path in self.paths
+        )
+        others = tuple(
+            dataclasses.replace(
+                one, frames=np.zeros(1, np.int64), position=one.position[one.frames == frame]
+            )
+            for one in self.others
+            if one.position is not None and frame in one.frames
+        )
+        return Held(self.feet, paths, others, ())
+
+    def given(self, source: Motion, moved: Motion, fade: Array) -> Held:
+        """Return it with heels raised where the moved body's ankles could not follow otherwise.
+
+        Args:
+          source: the motion before.
+          moved: the motion with its body where it is to be.
+          fade: (nframe,) how much of that each frame may take.
+        """
+        before, _ = give(source, self.feet, self.paths, ())
+        after, _ = give(moved, self.feet, self.paths, ())
+        paths, contacts = [], list(self.contacts)
+        for foot, path, old, new in zip(self.feet, self.paths, before, after, strict=True):
+            # What the source lacked already is its own.
+            turn = log(multiply(conjugate(old.quat), new.quat)) * fade[:, None]
+            if not np.abs(turn).max(initial=0.0) > 0.0:
+                paths.append(path)
+                continue
+            quat = multiply(path.quat, exp(turn))
+            position = path.position + rotate(path.quat, foot.toe) - rotate(quat, foot.toe)
+            paths.append(dataclasses.replace(path, position=position, quat=quat))
+            contacts = standing(contacts, foot, path, paths[-1], SHORTEST * source.fps)
+        return dataclasses.replace(self, paths=tuple(paths), contacts=tuple(contacts))
+
+
+def keep(
+    motion: Motion,
+    contacts: Sequence[Contact],
+    span: Span,
+    drags: Sequence[SiteConstraint],
+    hold: Hold,
+) -> Held:
+    """Return what stays where it was.
+
+    A body that is dragged is not held on its path, nor in a contact that holds it at the edited
+    frame, but in those before and after.
+
+    Args:
+      motion: the motion before.
+      contacts: who stands when.
+      span: the frames that may change.
+      drags: what the user asks for.
+      hold: see :func:`mjmotion.apps.edit.edit_frame`.
+    """
+    model = motion.model
+    pose = Kinematics(model, motion.nframe).forward(motion.qpos)
+    dragged = {int(model.site_bodyid[site_id(model, drag.site)]) for drag in drags}
+    allowed = np.zeros(motion.nframe, dtype=bool)
+    allowed[[span.frame] if hold == "frame" else span.frames] = True
+    feet = {foot.body: foot for foot in _feet(model)}
+    stands = {body: np.zeros(motion.nframe, dtype=bool) for body in feet}
+    others, left = [], []
+    for contact in contacts:
+        index = site_id(model, contact.site)
+        body = int(model.site_bodyid[index])
+        if body in dragged and contact.start <= span.frame < contact.end:
+            left += _outside(contact, span)
+            continue
+        left.append(contact)
+        within = allowed.copy()
+        within[: contact.start] = within[contact.end :] = False
+        if body in feet:
+            stands[body] |= within
+        elif within.any():
+            at = np.flatnonzero(within)
+            others.append(SiteConstraint(contact.site, at, pose.site_xpos[at, index], contact=True))
+    paths = []
+    for body, foot in feet.items():
+        held = allowed if hold == "feet" and body not in dragged else stands[body]
+        site = site_id(model, foot.site)
+        paths.append(
+            FootPath(
+                foot.site,
+                np.array(pose.site_xpos[:, site]),
+                continuous(from_matrix(pose.site_xmat[:, site])),
+                np.zeros((motion.nframe, 3)),
+                held,
+                np.zeros(motion.nframe),
+            )
+        )
+    return Held(tuple(feet.values()), tuple(paths), tuple(others), tuple(left))
+
+
+def _outside(contact: Contact, span: Span) -> list[Contact]:
+    """Return what is left of a contact that ends with a drag: what lies outside the span."""
+    first, last = int(span.frames[0]), int(span.frames[-1])
+    before = dataclasses.replace(contact, end=min(contact.end, first))
+    after = dataclasses.replace(contact, start=max(contact.start, last + 1))
+    return [part for part in (before, after) if part.end - part.start > 1]
+
+
+def _feet(model: mujoco.MjModel) -> tuple[Foot, ...]:
+    """Return the feet; none where the model has none that can be posed."""
+    try:
+        return find_feet(model)
+    except ModelError:
+        return ()

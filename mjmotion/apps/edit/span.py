@@ -1,0 +1,59 @@
+"""The frames that an edit covers: seven knots of the first level, the frame in the middle."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.numerics.bspline import fit_between
+
+Array = NDArray[np.float64]
+
+KNOTS = 3  # on either side of the edited frame: seven with its own
+PASSES = 2  # times that Eq. 2 is applied at a level's knots
+
+
+@dataclasses.dataclass(frozen=True)
+class Span:
+    """The frames that an edit covers.
+
+    A cubic B-spline through one data point that stands on a knot has three control points, whose
+    supports together reach from the third knot before it to the third after: seven knots. The
+    edited frame is therefore a knot of every level. Of the later levels, which have data at other
+    frames too, only control points take part whose support lies within.
+
+    Attributes:
+      frame: the edited frame.
+      spacing: frames between the knots of the first level.
+      nframe: frames of the clip.
+    """
+
+    frame: int
+    spacing: int
+    nframe: int
+
+    @property
+    def knots(self) -> NDArray[np.int64]:
+        """The seven knots of the first level (7,), as frames; some may lie outside the clip."""
+        return self.frame + self.spacing * np.arange(-KNOTS, KNOTS + 1)
+
+    @property
+    def frames(self) -> NDArray[np.int64]:
+        """The frames that change: between the outermost knots, within the clip."""
+        low, high = int(self.knots[0]), int(self.knots[-1])
+        return np.arange(max(0, low + 1), min(self.nframe, high))
+
+    @property
+    def fade(self) -> Array:
+        """A weight (nframe,): 1 in the middle, 0 from the outermost knots on, smooth between."""
+        away = np.abs(np.arange(self.nframe) - self.frame) / self.spacing
+        rest = np.clip(KNOTS - away, 0.0, 1.0)
+        return np.asarray(rest * rest * (3.0 - 2.0 * rest))
+
+    def spread(self, frames: NDArray[np.int64], data: Array, spacing: float) -> Array:
+        """Return one level (len(self.frames), k) through ``data`` (n, k) at ``frames`` (n,)."""
+        first, last = int(self.knots[0]), int(self.knots[-1])
+        values = fit_between(frames, data, first, last, spacing, passes=PASSES)
+        return values[self.frames - first]

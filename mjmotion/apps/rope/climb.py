@@ -1,0 +1,208 @@
+"""The rope climb on another character, with a rope for each (Figure 5c).
+
+    climb = climb_rope("climber")
+    climb.original, climb.motion          # climber and rope in one motion each
+    climb.figures.held_mm, climb.jerk_ratio
+
+The humanoid's climb is put on the character, fitted so that hands and feet hold the rope where and
+when the humanoid's did, and the rope is simulated against both.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.apps.retarget import held_shift
+from mjmotion.apps.retarget.grasps import check_span
+from mjmotion.apps.rope.grasps import places_along
+from mjmotion.apps.rope.measure import RopeFigures, measure
+from mjmotion.apps.rope.points import rope_points
+from mjmotion.apps.rope.simulate import simulate
+from mjmotion.body.assets import find_asset
+from mjmotion.body.kinematics import character_geoms
+from mjmotion.body.motion import Motion
+from mjmotion.clips.climb import climb_constraints, climb_contacts, make_climb
+from mjmotion.clips.climb_grip import find_grips
+from mjmotion.clips.climb_plan import Hold, plan_holds
+from mjmotion.constraints import SiteConstraint
+from mjmotion.exceptions import ConstraintError, ModelError
+from mjmotion.fitting import Trace, Unmet, fit
+from mjmotion.footsteps.contacts import Contact
+from mjmotion.scene import Scene, compose, rope
+from mjmotion.scene.rope import BEAM, EDGE
+from mjmotion.validation.figures import joint_jerk_ratio
+
+Array = NDArray[np.float64]
+
+ORIGINAL = "humanoid"
+JERK_RATIO = 1.3  # the most that it should be
+_END = 0.3  # height of a rope's lower end, where its length is not given [m]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RopeClimb:
+    """A climb, and the same on another character, each with its own simulated rope.
+
+    Attributes:
+      character: the other character's name.
+      original: the humanoid's climb, humanoid and rope in one model.
+      source: its joint angles on the other character, before the fit; the rope is the original's.
+      motion: the fitted climb, character and rope in one model.
+      holds: who holds what of the rope when.
+      contacts: the same as contacts.
+      constraints: position and orientation of the character's hands and feet.
+      trace: what the fit did.
+      unmet: constraints that could not be met.
+      original_figures, figures: what was measured of the humanoid, and of the character.
+      jerk_ratio: RMS joint jerk of the fitted climb over the original's.
+      original_spec, spec: humanoid and rope, and character and rope.
+    """
+
+    character: str
+    original: Motion
+    source: Motion
+    motion: Motion
+    holds: tuple[Hold, ...]
+    contacts: tuple[Contact, ...]
+    constraints: tuple[SiteConstraint, ...]
+    trace: Trace
+    unmet: tuple[Unmet, ...]
+    original_figures: RopeFigures
+    figures: RopeFigures
+    jerk_ratio: float
+    original_spec: mujoco.MjSpec
+    spec: mujoco.MjSpec
+
+    def broken(self) -> list[str]:
+        """Return one line for every figure that is not what it should be."""
+        both = ((ORIGINAL, self.original_figures), (self.character, self.figures))
+        lines = [f"{name}: {line}" for name, figures in both for line in figures.broken()]
+        if self.jerk_ratio > JERK_RATIO:
+            lines.append(
+                f"{self.character}: jerk_ratio is {self.jerk_ratio:.3g}, wanted <= {JERK_RATIO:g}"
+            )
+        return lines
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ClimbPlan:
+    """What is fitted, and to what.
+
+    Attributes:
+      original: the humanoid's climb.
+      guess: its joint angles on the other character.
+      constraints: hands and feet where and when they held the rope: 5,898 scalars.
+      shift: (nframe, 3) of the root, the first guess (§4.5) [m].
+    """
+
+    original: Motion
+    guess: Motion
+    constraints: tuple[SiteConstraint, ...]
+    shift: Array
+
+
+def plan_climb(character: str | Path) -> ClimbPlan:
+    """Return the climb on a character, ready for the fit.
+
+    Raises:
+      ModelError: no such character, or it lacks hands and feet or the humanoid's joints.
+      ConstraintError: its hands and feet do not reach so far apart: the rope is out of reach.
+    """
+    humanoid, other = (_alone(find_asset("model", name)) for name in (ORIGINAL, character))
+    constraints = climb_constraints(other)
+    try:
+        check_span(other, constraints)
+    except ConstraintError as error:
+        raise ConstraintError(f"the rope is out of reach: {error}", error.frames) from None
+    original = make_climb(humanoid)
+    try:
+        guess = original.on(other)
+    except ModelError as error:
+        raise ModelError(f"character '{character}' cannot climb as the humanoid: {error}") from None
+    return ClimbPlan(original, guess, constraints, held_shift(guess, constraints))
+
+
+def climb_rope(
+    character: str | Path = "climber",
+    *,
+    beam: float = BEAM,
+    length: float | None = None,
+    edge: float = EDGE,
+    levels: Sequence[float] | None = None,
+    ik: str = "hybrid",
+    progress: Callable[[str], None] | None = None,
+) -> RopeClimb:
+    """Put the built-in climb on a character and simulate the rope against both.
+
+    Args:
+      character: MJCF file, or name of one of our models.
+      beam: height that the rope hangs from [m].
+      length: of the rope [m]; down to 0.3 m over the floor without.
+      edge: distance of the points that the rope is made of [m], about.
+      levels: frames a knot, coarse to fine.
+      ik: ``"hybrid"`` or ``"numeric"``.
+      progress: called with what is being done.
+
+    Raises:
+      ModelError: no such character, or it lacks hands and feet or the humanoid's joints.
+      SceneError: a rope that cannot be.
+      ConstraintError: the rope is out of reach.
+      FitError: settings that make no sense, or a simulation that went astray.
+    """
+    tell = progress if progress is not None else lambda text: None
+    file = find_asset("model", character)
+    tell("hanging up the ropes")
+    length = beam - _END if length is None else length
+    scene = Scene.from_spec(rope(beam=beam, length=length, edge=edge), "rope")
+    holds, contacts = plan_holds(), climb_contacts()
+    specs = [compose(which, scene) for which in (ORIGINAL, file)]
+    models = [spec.compile() for spec in specs]
+    line = rope_points(models[0])
+    places_along(holds, line.rest[0], line.length)  # out of reach is known before any work
+    tell("climbing")
+    plan = plan_climb(file)
+    original, guess, constraints = plan.original, plan.guess, plan.constraints
+    tell("fitting")
+    fitted = fit(guess, constraints, levels=levels, ik=ik, first_guess=plan.shift)
+    motions = []
+    for number, motion in enumerate((original, fitted.motion)):
+        tell(f"simulating the rope of the {(ORIGINAL, file.stem)[number]}")
+        poses = simulate(specs[number], motion, holds)
+        motions.append(Motion(models[number], poses, motion.fps))
+    tell("measuring")
+    figures = [
+        measure(spec, motion, holds, find_grips(alone))
+        for spec, motion, alone in zip(specs, motions, (original.model, guess.model), strict=True)
+    ]
+    source = motions[0].qpos.copy()
+    source[:, : guess.model.nq] = guess.qpos
+    return RopeClimb(
+        file.stem,
+        motions[0],
+        Motion(models[1], source, guess.fps),
+        motions[1],
+        holds,
+        contacts,
+        constraints,
+        fitted.trace,
+        fitted.unmet,
+        figures[0],
+        figures[1],
+        joint_jerk_ratio(fitted.motion, (original,)),
+        specs[0],
+        specs[1],
+    )
+
+
+def _alone(path: Path) -> mujoco.MjModel:
+    """Return a character without what else its file has in its world."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    if len(character_geoms(model)) == 0:
+        raise ModelError(f"character '{path}' has no geoms: it has nothing to hold a rope with")
+    return model

@@ -1,0 +1,49 @@
+"""Where the project's own models and scenes are, in a checkout and in an installed wheel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mjmotion.exceptions import ModelError, SceneError, unknown_name
+
+_FOLDERS = {"model": Path("models") / "mjcf", "scene": Path("scenes")}
+_ERRORS = {"model": ModelError, "scene": SceneError}
+
+
+def asset_folder(kind: str) -> Path:
+    """Return the folder of the project's own ``"model"`` or ``"scene"`` files.
+
+    A wheel carries both folders inside the package; in a checkout they stand beside it.
+    """
+    package = Path(__file__).resolve().parents[1]
+    for base in (package, package.parent):
+        folder = base / _FOLDERS[kind]
+        if folder.is_dir():
+            return folder
+    raise _ERRORS[kind](f"this installation lacks its {_FOLDERS[kind]} folder: reinstall mjmotion")
+
+
+def asset_names(kind: str) -> list[str]:
+    """Return the names of the project's own models or scenes, without ``.xml``."""
+    return sorted(path.stem for path in asset_folder(kind).glob("*.xml"))
+
+
+def find_asset(kind: str, name: str | Path) -> Path:
+    """Return the MJCF file that ``name`` means: an existing file, or the name of one of ours.
+
+    Args:
+      kind: ``"model"`` or ``"scene"``.
+      name: a path, or a name out of :func:`asset_names`.
+
+    Raises:
+      ModelError, SceneError: there is no such file and no such name.
+    """
+    path = Path(name)
+    if path.is_file():
+        return path
+    if path.suffix == "" and path.parent == Path():
+        ours = asset_folder(kind) / f"{name}.xml"
+        if ours.is_file():
+            return ours
+        raise _ERRORS[kind](unknown_name(kind, str(name), asset_names(kind)))
+    raise _ERRORS[kind](f"{kind} file '{path}' does not exist: check the path")

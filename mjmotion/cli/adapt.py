@@ -1,0 +1,96 @@
+"""``mjmotion adapt``: a clip on a scene."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from mjmotion.cli.arguments import add_folder, add_reading, add_thresholds, levels, positive
+
+HELP = "adapt a clip to a scene, validate it and make a video"
+EXAMPLE = "mjmotion adapt walk --scene terrain --out out/walk"
+
+DEFAULTS: dict[str, Any] = {
+    "contacts": None,
+    "constraints": None,
+    "levels": None,
+    "tolerance": 0.1,
+    "ik": "hybrid",
+    "character": "humanoid",
+    "mapping": None,
+    "fps": None,
+    "free_footholds": False,
+    "threshold": [],
+}
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    parser.add_argument(
+        "clip", metavar="CLIP", help="BVH, AMC, CSV or NPZ file, or a built-in name"
+    )
+    parser.add_argument(
+        "--scene", required=True, help="MJCF file, or the name of one of our scenes"
+    )
+    add_folder(parser)
+    parser.add_argument(
+        "--contacts", type=Path, help="contacts.json to use instead of finding them"
+    )
+    parser.add_argument(
+        "--constraints", type=Path, help="YAML or JSON file of your own constraints"
+    )
+    parser.add_argument("--levels", type=levels, help="frames a knot per level: 16,8,4,2")
+    parser.add_argument(
+        "--tolerance", type=positive, metavar="MM", help="stop refining at this error [mm]: 0.1"
+    )
+    parser.add_argument("--ik", choices=("hybrid", "numeric"), help="IK solver: hybrid")
+    parser.add_argument(
+        "--free-footholds",
+        action="store_true",
+        help="let each foothold move as a whole to where the walk changes least",
+    )
+    add_reading(parser)
+    add_thresholds(parser)
+    parser.set_defaults(**DEFAULTS)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Adapt a clip to a scene, validate the result and write everything into a folder."""
+    from mjmotion.apps.adaptation import adapt
+    from mjmotion.body.assets import find_asset
+    from mjmotion.cli.run import prepare, tell, write
+    from mjmotion.cli.terminal import Bar
+    from mjmotion.clips import load_clip
+    from mjmotion.constraints import load_constraints
+    from mjmotion.constraints.unmet import check_free
+    from mjmotion.footsteps.contacts import load_contacts
+    from mjmotion.output.results import load_model, result_folder
+    from mjmotion.scene import load_scene
+
+    thresholds = prepare(args)
+    with Bar() as bar, result_folder(args.out, args.force) as folder:
+        bar.stage("reading scene and clip")
+        scene = load_scene(args.scene)
+        model = load_model(find_asset("model", args.character))
+        clip = load_clip(args.clip, model, mapping=args.mapping, fps=args.fps)
+        contacts = load_contacts(args.contacts, model, clip.nframe) if args.contacts else None
+        wishes = load_constraints(args.constraints, model, clip.nframe) if args.constraints else ()
+        adaptation = adapt(
+            clip,
+            scene,
+            character=args.character,
+            contacts=contacts,
+            constraints=wishes,
+            free_footholds=args.free_footholds,
+            levels=args.levels,
+            tolerance=args.tolerance / 1000.0,
+            ik=args.ik,
+            progress=bar.stage,
+        )
+        check_free(adaptation.unmet, wishes)
+        title = f"{Path(args.clip).stem} on {scene.name}"
+        validation = write(
+            *(folder, adaptation, thresholds, args, bar), title=title, constraints=wishes
+        )
+    return tell(args, adaptation, validation, title=title, constraints=wishes)

@@ -1,0 +1,112 @@
+"""Arguments that several commands take, and what turns a word into a value.
+
+A converter raises ``argparse.ArgumentTypeError`` with a line that shows a right value.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+MOTION_HELP = "BVH, AMC, CSV or NPZ file, a built-in name, or a result folder"
+
+
+def levels(text: str) -> tuple[float, ...]:
+    """Return frames a knot of every level from ``16,8,4,2``."""
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if not values or not all(0 < value < float("inf") for value in values):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a list of numbers such as 16,8,4,2")
+    return values
+
+
+def positive(text: str) -> float:
+    """Return a number above 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a positive number")
+    return value
+
+
+def count(text: str) -> int:
+    """Return a whole number above 0."""
+    if not (text.isdecimal() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number above 0")
+    return int(text)
+
+
+def frame(text: str) -> int:
+    """Return a frame: a whole number from 0."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"'{text}' is not a frame: frames count from 0")
+    return int(text)
+
+
+def number(text: str) -> float:
+    """Return a finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not abs(value) < float("inf"):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number")
+    return value
+
+
+def pair(text: str) -> tuple[float, float]:
+    """Return two numbers from ``1.5,-2``."""
+    try:
+        low, high = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not two numbers such as 1.5,-2") from None
+    return low, high
+
+
+def size(text: str) -> tuple[int, int]:
+    """Return width and height from ``1280x720`` [pixels]."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdigit() and height.isdigit() and int(width) >= 64 and int(height) >= 64):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a size such as 1280x720")
+    return int(width), int(height)
+
+
+def add_thresholds(parser: argparse.ArgumentParser) -> None:
+    """Add ``--threshold NAME=VALUE``, which may repeat."""
+    parser.add_argument(
+        "--threshold",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="change a threshold, such as stance_drift_mm=0.5 or jerk_ratio_rms=none; may repeat",
+    )
+
+
+def add_folder(parser: argparse.ArgumentParser, default: str | None = None) -> None:
+    """Add what every command takes that writes a result folder: where to, and whether a video.
+
+    :func:`mjmotion.cli.run.prepare` and ``finish`` act on them.
+    """
+    parser.add_argument(
+        "--out",
+        type=Path,
+        required=default is None,
+        default=None if default is None else Path(default),
+        metavar="DIR",
+        help="folder to write",
+    )
+    parser.add_argument("--no-video", action="store_true", help="fit and validate only")
+    parser.add_argument("--force", action="store_true", help="replace earlier results in --out")
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """Add what tells how a recording is read: ``--character``, ``--mapping``, ``--fps``."""
+    parser.add_argument("--character", help="MJCF file or the name of a model: humanoid")
+    parser.add_argument("--mapping", type=Path, help="YAML file: which joint of the clip is which")
+    parser.add_argument(
+        "--fps", type=positive, help="rate of the clip, where its file tells none or a wrong one"
+    )

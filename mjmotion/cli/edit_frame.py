@@ -1,0 +1,170 @@
+"""``mjmotion edit-frame``: direct manipulation without a window (Figure 2)."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mjmotion.cli.arguments import (
+    MOTION_HELP,
+    add_folder,
+    add_reading,
+    add_thresholds,
+    count,
+    frame,
+    number,
+)
+
+if TYPE_CHECKING:
+    from mjmotion.output.result import Result
+    from mjmotion.validation.thresholds import Threshold
+
+HELP = "change one frame; the frames that seven knots cover follow smoothly"
+EXAMPLE = (
+    "mjmotion edit-frame walk --frame 60 --site pelvis --by 0 0 -0.15 --spacing 12 --levels 4"
+    " --out out/edit"
+)
+
+_ROUNDING = 1e-6  # by which a figure may be worse and still be the same
+SPACINGS = (4, 6, 12)  # those of Figure 2, drawn beside the chosen one
+
+
+class _Move(argparse.Action):
+    """``--by`` or ``--to`` of the ``--site`` before it."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[Any] | None,
+        option: str | None = None,
+    ) -> None:
+        moves = [*(getattr(namespace, "moves", None) or []), (self.dest, tuple(values or ()))]
+        namespace.moves = moves
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    parser.add_argument("motion", metavar="MOTION", help=MOTION_HELP)
+    parser.add_argument("--frame", type=frame, required=True, help="frame to change, from 0")
+    parser.add_argument(
+        "--site",
+        action="append",
+        required=True,
+        help="what to drag, such as pelvis, head_top, left_hand; may repeat, with a --by each",
+    )
+    for name, text in (
+        ("by", "how far to drag the site, along the world's axes [m]"),
+        ("to", "where to drag the site [m]"),
+    ):
+        parser.add_argument(
+            f"--{name}",
+            action=_Move,
+            nargs=3,
+            type=number,
+            metavar=("X", "Y", "Z"),
+            help=text,
+            default=argparse.SUPPRESS,
+        )
+    parser.add_argument(
+        "--spacing", type=count, default=12, help="frames between knots of the first level: 12"
+    )
+    parser.add_argument("--levels", type=count, default=4, help="number of levels, knots halve: 4")
+    parser.add_argument(
+        "--hold",
+        choices=("feet", "contacts", "frame"),
+        default="feet",
+        help="what stays around the frame: both feet on their paths, what stands while it stands,"
+        " or only what stands at the frame itself",
+    )
+    parser.add_argument(
+        "--contacts", type=Path, help="contacts.json to use instead of finding them"
+    )
+    add_folder(parser)
+    add_reading(parser)
+    add_thresholds(parser)
+    parser.set_defaults(moves=[])
+
+
+def _not_the_edit_s(
+    edited: Result, thresholds: Mapping[str, Threshold], given: Sequence[str]
+) -> dict[str, Threshold]:
+    """Take off thresholds that the clip breaks by itself, and the edit no worse: none of its doing.
+
+    Such a figure is told without being judged. Where the user gave a threshold, that holds.
+    """
+    from mjmotion.cli.terminal import warn
+    from mjmotion.validation import validate
+    from mjmotion.validation.thresholds import AT_LEAST
+
+    before, after = (
+        validate(edited.source, motion, edited.contacts, thresholds=thresholds)
+        for motion in (edited.source, edited.motion)
+    )
+    own = {text.partition("=")[0].strip() for text in given}
+    left: dict[str, Threshold] = {}
+    for name in before.broken():
+        worse = after.metrics[name] - before.metrics[name]
+        worse = -worse if name in AT_LEAST else worse
+        # Of a pair of bounds, which way is worse is not plain: those are judged.
+        if isinstance(thresholds[name], float) and name not in own and worse <= _ROUNDING:
+            left[name] = None
+            warn(
+                f"note: the clip itself breaks {name}: {before.metrics[name]:.4g}, and"
+                f" {after.metrics[name]:.4g} edited; it is told and not judged"
+            )
+    return left
+
+
+def run(args: argparse.Namespace) -> int:
+    """Edit a frame, validate the result and write everything into a folder, with a plot."""
+    from mjmotion.apps.edit import Span, edit_frame
+    from mjmotion.apps.edit.ranges import write_ranges
+    from mjmotion.cli.run import prepare, tell, write
+    from mjmotion.cli.terminal import Bar, say
+    from mjmotion.exceptions import ConstraintError
+    from mjmotion.footsteps.contacts import load_contacts
+    from mjmotion.output.results import read_motion, result_folder
+
+    kinds = {kind for kind, _ in args.moves}
+    if len(kinds) != 1 or len(args.moves) != len(args.site):
+        raise ConstraintError(
+            f"{len(args.site)} sites and {len(args.moves)} moves: give a --by for every --site, or"
+            " a --to for every --site"
+        )
+    thresholds = prepare(args)
+    with Bar() as bar, result_folder(args.out, args.force) as folder:
+        bar.stage("reading the motion")
+        motion, contacts, character = read_motion(
+            args.motion, args.character, mapping=args.mapping, fps=args.fps
+        )
+        if args.contacts:
+            contacts = load_contacts(args.contacts, motion.model, motion.nframe)
+        bar.stage("editing")
+        drags: dict[str, Any] = {kinds.pop(): [values for _, values in args.moves]}
+        edits = {
+            spacing: edit_frame(
+                motion,
+                args.frame,
+                args.site,
+                **drags,
+                spacing=spacing,
+                levels=args.levels,
+                contacts=contacts,
+                hold=args.hold,
+                character=character,
+            )
+            for spacing in sorted({args.spacing, *SPACINGS})
+        }
+        edited = edits[args.spacing]
+        title = f"{Path(args.motion).stem} edited at frame {args.frame}"
+        thresholds |= _not_the_edit_s(edited, thresholds, args.threshold)
+        validation = write(folder, edited, thresholds, args, bar, title=title)
+        write_ranges(folder / "edit.png", edits, args.frame)
+    frames = Span(args.frame, args.spacing, motion.nframe).frames
+    say(f"{len(frames)} frames change, {frames[0]} to {frames[-1]}")
+    code = tell(args, edited, validation, title=title)
+    say(f"plot    {args.out / 'edit.png'}")
+    return code

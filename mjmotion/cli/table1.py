@@ -1,0 +1,50 @@
+"""``mjmotion table1``: the paper's table, measured here, with what §5 and §7 compare."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from mjmotion.cli.arguments import count
+
+HELP = "run the paper's four jobs and print its Table 1 beside ours"
+EXAMPLE = "mjmotion table1 --repeats 5 --json table1.json"
+
+JOBS = ("terrain", "rope", "morph", "transition")
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the same as data")
+    parser.add_argument(
+        "--repeats", type=count, default=9, help="times are medians of so many runs: 9"
+    )
+    parser.add_argument("--jobs", nargs="+", choices=JOBS, default=JOBS, help="which: all four")
+    parser.add_argument(
+        "--no-ways", action="store_true", help="without the ways of §7, which take the longest"
+    )
+    parser.add_argument("--force", action="store_true", help="replace an existing --json")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the jobs and print the tables; exit 1 where a figure of the paper is not reached."""
+    import json
+
+    from mjmotion.cli.terminal import Bar, say, warn
+    from mjmotion.output.results import check_file
+    from mjmotion.paper import table1
+    from mjmotion.paper.print_table1 import lines
+
+    if args.json:
+        check_file(args.json, args.force)
+    names = list(dict.fromkeys(args.jobs))
+    with Bar() as bar:
+        found = table1.run(names, args.repeats, ways=not args.no_ways, progress=bar.stage)
+    say(*lines(found))
+    if args.json:
+        args.json.write_text(json.dumps(found.as_dict(), indent=1, allow_nan=False) + "\n", "utf-8")
+        say("", f"data    {args.json}")
+    missed = found.missed()
+    for line in missed:
+        warn(f"not reached: {line}")
+    return 1 if missed else 0

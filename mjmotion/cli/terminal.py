@@ -1,0 +1,105 @@
+"""What the commands say: results on stdout, progress and warnings on stderr."""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mjmotion.fitting import Trace
+    from mjmotion.validation import Validation
+
+
+def say(*lines: str) -> None:
+    """Write lines to stdout."""
+    for line in lines:
+        sys.stdout.write(f"{line}\n")
+
+
+def warn(line: str) -> None:
+    """Write one line to stderr."""
+    sys.stderr.write(f"mjmotion: {line}\n")
+
+
+class Bar:
+    """What is being done, and how far it is, on stderr; nothing where that is no terminal.
+
+    ``stage`` is for steps one after the other; calling the bar counts frames within a step.
+    """
+
+    def __init__(self) -> None:
+        from tqdm import tqdm
+
+        self._make = partial(tqdm, leave=False, disable=None, file=sys.stderr)
+        self._bar: Any = None
+        self._text = ""
+
+    def __call__(self, done: int, total: int) -> None:
+        """Show how much of the step is done."""
+        if self._bar.total != total:
+            self._show(self._text, total=total, unit="frame")
+        self._bar.update(done - self._bar.n)
+
+    def stage(self, text: str) -> None:
+        """Show which step begins."""
+        self._text = text
+        self._show(f"{text} …", total=1, bar_format="{desc}")
+
+    def _show(self, text: str, **settings: Any) -> None:
+        self.__exit__()
+        self._bar = self._make(desc=text, **settings)
+
+    def __enter__(self) -> Bar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+
+def no_rendering() -> str:
+    """Return why there can be no picture on this machine; "" if there can."""
+    from mjmotion.exceptions import RenderError
+    from mjmotion.output.video import ensure_gl
+
+    try:
+        ensure_gl()
+    except RenderError as error:
+        return str(error)
+    return ""
+
+
+def level_lines(trace: Trace) -> list[str]:
+    """Return the table of the fit: the paper's error after every level."""
+    lines = ["level   frames a knot   time [ms]   greatest error [% of height]"]
+    for level in trace.levels:
+        lines.append(
+            f"{level.level:5d}   {level.frames_per_knot:13g}   {1000 * level.seconds:9.1f}"
+            f"   {level.max_error_percent:.4f}"
+        )
+    took = f"{1000 * trace.fit_seconds:9.1f}"
+    return [
+        *lines,
+        f"exact   {'':13}   {took}   {trace.exact_error_percent:.4f}   (time of the whole fit)",
+    ]
+
+
+def tell_broken(validation: Validation) -> bool:
+    """Warn of broken thresholds, with the worst frame and body; return whether there are any."""
+    rows = [row for row in validation.summary() if row.ok is False]
+    for row in rows:
+        warn(
+            f"threshold broken: {row.figure} is {row.value:.4g}, wanted {row.threshold}"
+            + (f" ({row.where})" if row.where else "")
+        )
+    return bool(rows)
+
+
+def path_lines(folder: Path) -> list[str]:
+    """Return the paths that a person wants to open next."""
+    from mjmotion.output.results import PAGE, VIDEO
+
+    names = [("report", PAGE), ("video", VIDEO)]
+    return [f"{what:7} {folder / name}" for what, name in names if (folder / name).is_file()]

@@ -1,0 +1,131 @@
+"""The exact pass of §4.4: constrained frames meet their targets, within limits, without jerks."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.body import joint_limits as limits
+from mjmotion.body.bones import Bones
+from mjmotion.body.joint_coupling import couple
+from mjmotion.body.motion import Motion
+from mjmotion.constraints import Targets
+from mjmotion.fitting.submap import fit_submap
+from mjmotion.ik.numeric import NumericIK
+from mjmotion.ik.solver import IKSolver, Solution, default_weights
+from mjmotion.numerics.bspline import fit_level
+from mjmotion.numerics.smoothing import cover
+from mjmotion.numerics.tangent import oplus
+
+Array = NDArray[np.float64]
+
+RISE_TIME = 0.25  # over how long the root rises or sinks for a limb to reach at last [s]
+LIMIT_SLACK = 1e-5  # how far a closed limb may be out of its range before the root gives [rad]
+_EASES = 4
+_FOLLOWS = 3  # levels in which limbs follow a root that has moved
+_BETTER = 0.8  # the root gives again only while that leaves less than this share of what was over
+
+
+def within_limits(motion: Motion, qpos: Array) -> Array:
+    """Return poses (n, nq) within joint limits, coupled joints with their shares (§4.2)."""
+    return couple(motion.model, limits.clamp_to_limits(motion.model, qpos))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ExactPass:
+    """Makes poses meet their targets exactly, with the body where the levels left it.
+
+    Attributes:
+      motion: the motion that is fitted; its model and rate.
+      solver: closes the limbs.
+      targets: what is to hold.
+      spacing: frames a knot of the coarsest level.
+      bones: a body for each frame, where it changes.
+    """
+
+    motion: Motion
+    solver: IKSolver
+    targets: Targets
+    spacing: float
+    bones: Bones | None
+
+    def __call__(self, qpos: Array) -> tuple[Array, float]:
+        """Return poses (nframe, nq) that meet the targets, and the error before [m].
+
+        Where a limb would not reach, or would leave its range, the root gives first, over more
+        frames than those, so that nothing jerks.
+        """
+        fitted = qpos
+        solution: Solution | None
+        solution = self.solver.enforce(qpos[self.targets.frames], self.targets)
+        error = float(solution.error.max(initial=0.0))
+        if solution.rise is not None and solution.rise.any():
+            qpos = qpos.copy()
+            qpos[:, 2] += self._spread(solution.rise)
+            solution = None
+        closed, beyond = self._closed(qpos, solution)
+        before, turn = math.inf, 0
+        # What no smooth move of the root mends stays within limits, and is reported.
+        while beyond.max() > LIMIT_SLACK and turn < _EASES and beyond.max() <= _BETTER * before:
+            before, turn = float(beyond.max()), turn + 1
+            qpos = self._ease(qpos, np.flatnonzero(beyond > LIMIT_SLACK))
+            closed, beyond = self._closed(qpos)
+        if qpos is not fitted and (followed := self._follow(qpos)) is not qpos:
+            closed, _ = self._closed(followed)
+        return closed, error
+
+    def _closed(self, qpos: Array, solution: Solution | None = None) -> tuple[Array, Array]:
+        """Return poses that meet the targets, within limits, and how far they were out (n,)."""
+        frames, model = self.targets.frames, self.motion.model
+        closed = qpos.copy()
+        if solution is None:
+            solution = self.solver.enforce(qpos[frames], self.targets)
+        closed[frames] = oplus(model, qpos[frames], solution.displacement)
+        clamped = within_limits(self.motion, closed)
+        return clamped, np.abs(clamped[frames] - closed[frames]).max(axis=1)
+
+    def _spread(self, rise: Array) -> Array:
+        """Spread smoothly over frames (nframe,) what the root must rise or sink at some."""
+        spread = np.zeros(self.motion.nframe)
+        for sign in (1.0, -1.0):
+            need = np.zeros(self.motion.nframe)
+            need[self.targets.frames] = sign * rise
+            spread += sign * cover(need, RISE_TIME * self.motion.fps)
+        return spread
+
+    def _follow(self, qpos: Array) -> Array:
+        """Take limbs along after a root that has moved, smoothly past where they are let go.
+
+        A hand that is held at some frames stays there; in the frames beside them it would still be
+        where the old root had it.
+        """
+        targets, nframe = self.targets, self.motion.nframe
+        held = np.maximum(targets.position_weight, targets.turn_weight) > 0.0
+        if len(held) == nframe and held.all() and not (targets.links or targets.gazes):
+            return qpos
+        for halving in range(1, _FOLLOWS + 1):
+            spacing = self.spacing / 2.0**halving
+            solution = self.solver.enforce(qpos[targets.frames], targets)
+            submap = fit_submap(self.motion.model, targets, solution, nframe, spacing, 2)
+            qpos = couple(self.motion.model, oplus(self.motion.model, qpos, submap))
+        return qpos
+
+    def _ease(self, qpos: Array, rows: NDArray[np.int64]) -> Array:
+        """Move the root, smoothly, where closed limbs would leave their range.
+
+        The numeric solver knows limits and finds where the root would have to be at those frames; a
+        level of its own spreads that to the frames around them.
+        """
+        model = self.motion.model
+        weights = default_weights(model)
+        weights[:6] = 1.0
+        frames = self.targets.frames[rows]
+        solver = NumericIK(model, weights, iterations=4, bones=self.bones)
+        wish = solver.solve(qpos[frames], self.targets.at(rows))
+        root = np.zeros((len(frames), model.nv))
+        root[:, :6] = wish.displacement[:, :6]
+        spacing = min(self.spacing, RISE_TIME * self.motion.fps)
+        return oplus(model, qpos, fit_level(frames, root, self.motion.nframe, spacing))

@@ -1,0 +1,261 @@
+"""Who stands where and when: contacts, found in a motion or read from a file.
+
+    contacts = detect_contacts(motion)
+    save_contacts("contacts.json", contacts)
+    contacts = load_contacts("contacts.json", model, motion.nframe)
+
+A site is in contact from when it is low and slow until it is high or fast. Heights are measured
+from the ground that the clip itself shows, and both heights and speeds are in metres and metres a
+second, so a clip gives the same contacts at 30 and at 120 frames a second.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.body.kinematics import Kinematics, site_id
+from mjmotion.body.motion import Motion
+from mjmotion.exceptions import ContactError
+
+Array = NDArray[np.float64]
+
+_SUFFIXES = ("_heel", "_toe")
+
+
+@dataclasses.dataclass(frozen=True)
+class Contact:
+    """One site standing on something from frame ``start`` up to, not including, frame ``end``.
+
+    Heels and toes stand on ground; any other site, such as a hand, holds on to what is there.
+    """
+
+    site: str
+    start: int
+    end: int
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is a heel's or a toe's, which stand on ground."""
+        return self.site.endswith(_SUFFIXES)
+
+
+@dataclasses.dataclass(frozen=True)
+class ContactSettings:
+    """When a site counts as standing.
+
+    Attributes:
+      low, high: height over the ground below which a contact can begin, above which it ends [m].
+      slow, fast: speed below which a contact can begin, and above which it ends [m/s].
+      rise: a contact is cut where the site is this much over where it mostly rests [m].
+      shortest: contacts shorter than this are dropped [s].
+      gap: two contacts of a site closer than this are one [s].
+      smoothing: positions are averaged over this time before speeds are taken [s].
+      window: the ground is the lowest support within this time on either side [s].
+    """
+
+    low: float = 0.02
+    high: float = 0.035
+    slow: float = 0.3
+    fast: float = 0.5
+    rise: float = 0.008
+    shortest: float = 0.07
+    gap: float = 0.05
+    smoothing: float = 1.0 / 30.0
+    window: float = 0.6
+
+
+def contact_sites(model: mujoco.MjModel) -> list[str]:
+    """Return the sites that can stand: those named ``*_heel`` and ``*_toe``."""
+    names = [model.site(i).name for i in range(model.nsite)]
+    return [name for name in names if name.endswith(_SUFFIXES)]
+
+
+def detect_contacts(
+    motion: Motion,
+    sites: Sequence[str] | None = None,
+    settings: ContactSettings | None = None,
+) -> tuple[Contact, ...]:
+    """Find contacts from heights and speeds, with hysteresis.
+
+    Args:
+      motion: any motion; its ground need not be flat nor at zero.
+      sites: sites that can stand; :func:`contact_sites` without.
+      settings: thresholds.
+
+    Returns:
+      Contacts in order of their start.
+
+    Raises:
+      ContactError: the model has no such sites.
+      ModelError: an unknown site.
+    """
+    chosen = contact_sites(motion.model) if sites is None else list(sites)
+    if not chosen:
+        raise ContactError("the model has no sites named *_heel or *_toe: name the contact sites")
+    settings = ContactSettings() if settings is None else settings
+    ids = [site_id(motion.model, name) for name in chosen]
+    pose = Kinematics(motion.model, motion.nframe).forward(motion.qpos)
+    position = _moving_average(pose.site_xpos[:, ids], settings.smoothing * motion.fps)
+    speed = _speed(position, motion.fps)
+    bodies = motion.model.site_bodyid[ids]
+    grounds = {
+        body: _ground(
+            position[:, bodies == body, 2], speed[:, bodies == body], settings, motion.fps
+        )
+        for body in np.unique(bodies)
+    }
+    found = []
+    for column, name in enumerate(chosen):
+        height = position[:, column, 2] - grounds[bodies[column]]
+        pace = speed[:, column]
+        begin = (height < settings.low) & (pace < settings.slow)
+        stay = (height < settings.high) & (pace < settings.fast)
+        runs = _merged(hysteresis(begin, stay), settings.gap * motion.fps)
+        for start, end in (_resting(height, run, settings.rise) for run in runs):
+            whole = start == 0 or end == motion.nframe
+            if end - start >= settings.shortest * motion.fps or (whole and end - start > 1):
+                found.append(Contact(name, start, end))
+    return tuple(sorted(found, key=lambda contact: (contact.start, contact.site)))
+
+
+def _moving_average(values: Array, width: float) -> Array:
+    """Average over ``width`` frames, both ends held; an odd number of frames, at least one."""
+    half = round(width) // 2
+    if half == 0:
+        return values
+    padded = np.concatenate(
+        (np.repeat(values[:1], half, axis=0), values, np.repeat(values[-1:], half, axis=0))
+    )
+    total = np.cumsum(np.concatenate((np.zeros_like(values[:1]), padded)), axis=0)
+    return (total[2 * half + 1 :] - total[: -2 * half - 1]) / (2 * half + 1)
+
+
+def _speed(position: Array, fps: float) -> Array:
+    if len(position) == 1:
+        return np.zeros(position.shape[:-1])
+    return np.linalg.norm(np.gradient(position, axis=0), axis=-1) * fps
+
+
+def _ground(height: Array, speed: Array, settings: ContactSettings, fps: float) -> Array:
+    """Ground height under one foot at each frame [m]: its lowest slow site within the window.
+
+    A foot that rests is on the ground, and each foot may have its own, as on stairs; where it does
+    not rest (a jump, a long swing) the height goes on from one rest to the next.
+    """
+    from scipy.ndimage import minimum_filter1d, uniform_filter1d
+
+    resting = np.where(speed < settings.fast, height, np.inf).min(axis=1)
+    size = 2 * round(settings.window * fps) + 1
+    lowest = minimum_filter1d(resting, size, mode="nearest")
+    known = np.flatnonzero(np.isfinite(lowest))
+    if len(known) == 0:
+        return np.full(len(height), height.min())
+    filled = np.interp(np.arange(len(height)), known, lowest[known])
+    return np.asarray(uniform_filter1d(filled, max(1, size // 2), mode="nearest"))
+
+
+def hysteresis(begin: NDArray[np.bool_], stay: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return runs of ``stay`` that contain a frame of ``begin``, from the first such frame on."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], stay.astype(np.int8), [0]))))
+    runs = []
+    for start, end in edges.reshape(-1, 2):
+        first = np.flatnonzero(begin[start:end])
+        if len(first):
+            runs.append((int(start + first[0]), int(end)))
+    return runs
+
+
+def _resting(height: Array, run: tuple[int, int], rise: float) -> tuple[int, int]:
+    """Cut a run where the site has not come down yet, or is on its way up."""
+    start, end = run
+    low = np.flatnonzero(height[start:end] < np.quantile(height[start:end], 0.3) + rise)
+    return (start + int(low[0]), start + int(low[-1]) + 1)
+
+
+def _merged(runs: list[tuple[int, int]], gap: float) -> list[tuple[int, int]]:
+    merged: list[tuple[int, int]] = []
+    for start, end in runs:
+        if merged and start - merged[-1][1] <= gap:
+            merged[-1] = (merged[-1][0], end)
+        else:
+            merged.append((start, end))
+    return merged
+
+
+def check_contacts(
+    contacts: Iterable[Contact], model: mujoco.MjModel, nframe: int
+) -> tuple[Contact, ...]:
+    """Return the contacts, in order, if the model and the motion have all that they name.
+
+    Raises:
+      ContactError: an unknown site, an empty span, a frame the motion does not have, or two
+        contacts of a site that overlap.
+    """
+    ordered = tuple(sorted(contacts, key=lambda contact: (contact.start, contact.site)))
+    last: dict[str, Contact] = {}
+    for contact in ordered:
+        site_id(model, contact.site)
+        if not 0 <= contact.start < contact.end:
+            raise ContactError(
+                f"contact of '{contact.site}' from {contact.start} to {contact.end} is empty"
+            )
+        if contact.end > nframe:
+            raise ContactError(
+                f"contact of '{contact.site}' ends at frame {contact.end}, but the motion has"
+                f" {nframe} frames: shorten it or use the clip it was made for",
+                range(nframe, contact.end),
+            )
+        before = last.get(contact.site)
+        if before is not None and contact.start < before.end:
+            raise ContactError(
+                f"two contacts of '{contact.site}' overlap at frame {contact.start}: join them"
+            )
+        last[contact.site] = contact
+    return ordered
+
+
+def load_contacts(path: str | Path, model: mujoco.MjModel, nframe: int) -> tuple[Contact, ...]:
+    """Read a contacts file: a JSON list of ``{"site": …, "start": …, "end": …}``.
+
+    Raises:
+      ContactError: the file is missing or malformed, or does not fit the motion.
+    """
+    path = Path(path)
+    try:
+        entries = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ContactError(f"cannot read contacts file '{path}': {error}") from error
+    except json.JSONDecodeError as error:
+        raise ContactError(f"contacts file '{path}' is not JSON: {error}") from error
+    if not isinstance(entries, list):
+        raise ContactError(f"contacts file '{path}' must hold a list of contacts")
+    contacts = []
+    for number, entry in enumerate(entries):
+        if not isinstance(entry, dict) or set(entry) != {"site", "start", "end"}:
+            raise ContactError(f"'{path}', entry {number}: it must have just site, start and end")
+        if not all(type(entry[key]) is int for key in ("start", "end")):
+            raise ContactError(f"'{path}', entry {number}: start and end must be whole frames")
+        contacts.append(Contact(str(entry["site"]), entry["start"], entry["end"]))
+    return check_contacts(contacts, model, nframe)
+
+
+def save_contacts(path: str | Path, contacts: Iterable[Contact]) -> None:
+    """Write a contacts file."""
+    rows = [json.dumps(dataclasses.asdict(contact)) for contact in contacts]
+    Path(path).write_text("[\n  " + ",\n  ".join(rows) + "\n]\n" if rows else "[]\n", "utf-8")
+
+
+def contact_mask(contacts: Iterable[Contact], site: str, nframe: int) -> NDArray[np.bool_]:
+    """Return (nframe,) when ``site`` is in contact."""
+    mask = np.zeros(nframe, dtype=bool)
+    for contact in contacts:
+        if contact.site == site:
+            mask[contact.start : contact.end] = True
+    return mask

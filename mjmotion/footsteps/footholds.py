@@ -1,0 +1,288 @@
+"""Footholds: where each stance foot is to stand on the ground of a scene.
+
+A *stance* is a foot's stay on one spot, from heel strike to toe-off. In the source it stands on
+level ground; its foothold stands on the scene's: under the same spot, turned the same way about the
+vertical, tilted to the surface, and moved as little as needed where it would straddle an edge, hang
+over one or stand in a wall.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.body.feet import Foot
+from mjmotion.body.kinematics import Pose, site_id
+from mjmotion.body.motion import Motion
+from mjmotion.exceptions import ContactError, SceneError, frame_list
+from mjmotion.footsteps.contacts import Contact, contact_mask
+from mjmotion.numerics.rotations import cross, from_matrix, multiply, normalized, rotate, yaw_quat
+from mjmotion.scene.ground import Ground
+
+Array = NDArray[np.float64]
+
+EDGE_MARGIN = 0.015  # how far inside an edge a sole keeps [m]
+ROUGH = 0.005  # how far ground may be from the sole plane before a better spot is sought [m]
+FIELD_ROUGH = 0.010  # the same on heightfields, which are nowhere quite flat [m]
+SINK = 0.0032  # how far the ground may rise into the sole [m]
+SEARCH_RADIUS = 0.34  # how far a foothold may move [m]
+APPROACH = 0.06  # how far before the toe and behind the heel no step may rise [m]
+CROWD_COST = 0.06  # way that half of that space is worth [m]
+STEP = 0.02  # a rise there that counts as a step [m]
+_RINGS, _RAYS = 17, 16
+_ANKLE = 0.10  # height over the sole at which walls are felt for [m]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Stance:
+    """One foot on one spot.
+
+    Attributes:
+      foot: which of the feet.
+      heel, toe: frames ``(start, end)`` of its contacts; empty ``(0, 0)`` where there is none.
+      start, end: all its frames.
+      source_pos: (3,) posed site when the foot stands flat on level ground [m].
+      source_quat: (4,) the same, wxyz: only a turn about the vertical.
+    """
+
+    foot: int
+    heel: tuple[int, int]
+    toe: tuple[int, int]
+    source_pos: Array
+    source_quat: Array
+
+    @property
+    def start(self) -> int:
+        """First frame."""
+        return min(span[0] for span in (self.heel, self.toe) if span[1] > span[0])
+
+    @property
+    def end(self) -> int:
+        """First frame after."""
+        return max(self.heel[1], self.toe[1])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Foothold:
+    """Where a stance is to stand: posed site (3,) [m], orientation (4,) wxyz and normal (3,)."""
+
+    position: Array
+    quat: Array
+    normal: Array
+    moved: float
+
+
+def find_stances(
+    motion: Motion, pose: Pose, feet: Sequence[Foot], contacts: Sequence[Contact]
+) -> tuple[Stance, ...]:
+    """Join each foot's heel and toe contacts into stances, in order of their start.
+
+    Raises:
+      ContactError: a contact's site is not one of the feet's.
+    """
+    known = {f"{foot.side}_{part}" for foot in feet for part in ("heel", "toe")}
+    for contact in contacts:
+        if contact.site not in known:
+            raise ContactError(
+                f"contact site '{contact.site}' is not a heel or toe: use {sorted(known)}"
+            )
+    stances = []
+    for index, foot in enumerate(feet):
+        heel = contact_mask(contacts, f"{foot.side}_heel", motion.nframe)
+        toe = contact_mask(contacts, f"{foot.side}_toe", motion.nframe)
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], heel | toe, [0])).astype(np.int8)))
+        for start, end in edges.reshape(-1, 2):
+            spans = [_span(mask, start, end) for mask in (heel, toe)]
+            flat = heel[start:end] & toe[start:end]
+            frames = start + np.flatnonzero(
+                flat if flat.any() else heel[start:end] | toe[start:end]
+            )
+            position, quat = _level_pose(pose, motion, foot, frames, spans)
+            stances.append(Stance(index, spans[0], spans[1], position, quat))
+    return tuple(sorted(stances, key=lambda stance: (stance.start, stance.foot)))
+
+
+def _span(mask: NDArray[np.bool_], start: int, end: int) -> tuple[int, int]:
+    held = start + np.flatnonzero(mask[start:end])
+    return (int(held[0]), int(held[-1]) + 1) if len(held) else (0, 0)
+
+
+def _level_pose(
+    pose: Pose,
+    motion: Motion,
+    foot: Foot,
+    frames: NDArray[np.int64],
+    spans: Sequence[tuple[int, int]],
+) -> tuple[Array, Array]:
+    """Where the foot stands when put down flat: mean yaw, mean place of the sites that stand."""
+    model = motion.model
+    heel = pose.site_xpos[frames, site_id(model, f"{foot.side}_heel")]
+    toe = pose.site_xpos[frames, site_id(model, f"{foot.side}_toe")]
+    along = (toe - heel).sum(axis=0)
+    local = foot.toe - foot.heel
+    yaw = np.arctan2(along[1], along[0]) - np.arctan2(local[1], local[0])
+    quat = yaw_quat(np.asarray(yaw))
+    places = []
+    for site, local, span in ((heel, foot.heel, spans[0]), (toe, foot.toe, spans[1])):
+        held = (frames >= span[0]) & (frames < span[1])
+        if held.any():
+            places.append(site[held].mean(axis=0) - rotate(quat, local))
+    return np.mean(places, axis=0), quat
+
+
+def find_footholds(
+    stances: Sequence[Stance], feet: Sequence[Foot], ground: Ground, start_height: float
+) -> tuple[Foothold, ...]:
+    """Place every stance on the ground.
+
+    Heights are followed from stance to stance: each looks for ground from where the one before it
+    stands, so a walk up a stair and under a bridge finds the stair, not the bridge.
+
+    Args:
+      stances: in order of time.
+      feet: the feet they are of.
+      ground: the scene's surfaces.
+      start_height: height of the ground where the walk begins [m].
+
+    Raises:
+      SceneError: there is nothing to stand on within reach of a stance.
+    """
+    footholds: list[Foothold] = []
+    height = start_height
+    for stance in stances:
+        foot = feet[stance.foot]
+        spot = np.array((*stance.source_pos[:2], height))
+        place = _place(foot, ground, spot[None], stance.source_quat)
+        rough = ROUGH
+        if ROUGH < place.fault[0] <= FIELD_ROUGH:
+            sole = spot + rotate(stance.source_quat, foot.sole)
+            rough = FIELD_ROUGH if ground.on_field(sole) else ROUGH
+        if place.fault[0] > rough or place.crowded[0] > 0 or _walled(foot, ground, place, 0):
+            place = _search(foot, ground, spot, stance, place)
+        footholds.append(
+            Foothold(
+                place.position[0],
+                place.quat[0],
+                place.normal[0],
+                float(np.hypot(*(place.position[0, :2] - stance.source_pos[:2]))),
+            )
+        )
+        height = float(place.position[0, 2])
+    return tuple(footholds)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Placed:
+    """Candidate footholds (n, …), how badly the ground fits under each [m], how crowded each is.
+
+    ``crowded`` is 1 when a step rises near the toe or behind the heel, 2 when it is very near.
+    """
+
+    position: Array
+    quat: Array
+    normal: Array
+    fault: Array
+    crowded: Array
+
+    def __add__(self, other: _Placed) -> _Placed:
+        return _Placed(
+            *(
+                np.concatenate((getattr(self, field.name), getattr(other, field.name)))
+                for field in dataclasses.fields(self)
+            )
+        )
+
+    def __getitem__(self, index: int) -> _Placed:
+        one = slice(index, index + 1)
+        return _Placed(*(getattr(self, field.name)[one] for field in dataclasses.fields(self)))
+
+
+def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
+    """Set a foot down at spots (n, 3): tilt it through the ground under heel, toe and sides."""
+    margin = 1.0 + EDGE_MARGIN / np.maximum(np.linalg.norm(foot.sole[2:, :2], axis=1), 0.03)
+    probe = foot.sole[2:] * np.column_stack((margin, margin, np.ones(len(margin))))
+    ahead = APPROACH * normalized((foot.toe - foot.heel) * (1.0, 1.0, 0.0))
+    near = [
+        place
+        for part in (0.5, 1.0)
+        for place in (foot.heel - part * ahead, foot.toe + part * ahead)
+    ]
+    ends = (foot.heel, foot.toe, *near)
+    offset = rotate(yaw, np.concatenate((ends, probe)))
+    points = spots[:, None] + offset * (1.0, 1.0, 0.0)
+    heights, normals = ground.under(points)
+    missing = np.isnan(heights)
+    heights = np.where(missing, spots[:, None, 2], heights)
+    heel = np.concatenate((points[:, 0, :2], heights[:, :1]), axis=1)
+    toe = np.concatenate((points[:, 1, :2], heights[:, 1:2]), axis=1)
+    along = normalized(toe - heel)
+    # Roll: the mean surface normal under the sole, made square to the heel-toe line.
+    normal = normalized(normals.sum(axis=1) + (0.0, 0.0, 1e-9))
+    normal = normalized(normal - (normal * along).sum(axis=1, keepdims=True) * along)
+    across = cross(normal, along)
+    local = normalized(foot.toe - foot.heel)
+    side = cross(np.array((0.0, 0.0, 1.0)), local)
+    up = cross(local, side)
+    world = np.stack((along, across, normal), axis=-1)
+    quat = from_matrix(world @ np.stack((local, side, up)))
+    position = heel - rotate(quat, foot.heel)
+    # How far the true ground is from the plane of the sole, above it and below it.
+    above = (
+        (points + (0, 0, 1) * (heights - points[..., 2])[..., None] - position[:, None])
+        * normal[:, None]
+    ).sum(axis=-1) - foot.sole[0, 2]
+    step = above[:, 2:6] > STEP + np.abs(along[:, 2:]) * APPROACH
+    crowded = step[:, :2].any(axis=1) + step.any(axis=1).astype(float)
+    above = np.delete(above, (2, 3, 4, 5), axis=1)
+    rise = above[:, 2:].max(axis=1)
+    position = position + normal * np.maximum(0.0, rise - SINK)[:, None]
+    fault = np.abs(above).max(axis=1) + missing[:, [0, 1, *range(6, missing.shape[1])]].sum(axis=1)
+    return _Placed(position, quat, normal, fault, crowded)
+
+
+def _walled(foot: Foot, ground: Ground, placed: _Placed, index: int) -> bool:
+    """Whether anything stands in the foot: rays at ankle height from its middle to its outline."""
+    normal, quat = placed.normal[index], placed.quat[index]
+    centre = placed.position[index] + rotate(quat, 0.5 * (foot.heel + foot.toe)) + _ANKLE * normal
+    sole = placed.position[index] + rotate(quat, foot.sole) + _ANKLE * normal
+    way = sole - centre
+    way = way[np.linalg.norm(way, axis=1) > 1e-6]  # a point in the very middle has none
+    return ground.blocked(np.broadcast_to(centre, way.shape), way, EDGE_MARGIN)
+
+
+def _search(foot: Foot, ground: Ground, spot: Array, stance: Stance, first: _Placed) -> _Placed:
+    """Return the nearest spot with good ground; the best there is when none is good."""
+    radius = np.repeat(np.arange(1, _RINGS + 1) * SEARCH_RADIUS / _RINGS, _RAYS)
+    angle = np.tile(np.arange(_RAYS) * 2.0 * np.pi / _RAYS, _RINGS)
+    shift = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), np.zeros(len(radius))))
+    placed = _place(foot, ground, spot + rotate(stance.source_quat, shift), stance.source_quat)
+    if first.fault[0] <= ROUGH and not _walled(foot, ground, first, 0):
+        radius, placed = np.concatenate(([0.0], radius)), first + placed
+    good = np.flatnonzero(placed.fault <= ROUGH)
+    # Some crowding is worth a little way, not any: on narrow treads there is no better spot.
+    worth = radius[good] + CROWD_COST * placed.crowded[good]
+    for index in good[np.argsort(worth, kind="stable")]:
+        if not _walled(foot, ground, placed, int(index)):
+            return placed[int(index)]
+    # Ground that is uneven everywhere: trade how far to move against how badly it fits.
+    cost = placed.fault + 0.05 * radius
+    for index in np.argsort(cost):
+        if placed.fault[index] < 1.0 and not _walled(foot, ground, placed, int(index)):
+            near = first.fault[0] <= cost[index] and not _walled(foot, ground, first, 0)
+            return first if near else placed[int(index)]
+    x, y = spot[:2]
+    frames = range(stance.start, stance.end)
+    raise SceneError(
+        f"no ground under the walk: nothing to stand on within {SEARCH_RADIUS} m of"
+        f" x={x:.2f}, y={y:.2f} at frames {frame_list(frames)}:"
+        " move the scene's site 'start' or choose a larger scene",
+        frames,
+    )
+
+
+def carried(stance: Stance, foothold: Foothold) -> Array:
+    """Return the turn (4,) that carries the stance's level frame into its foothold's."""
+    return multiply(foothold.quat, stance.source_quat * np.array((1.0, -1.0, -1.0, -1.0)))

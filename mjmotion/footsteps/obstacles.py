@@ -1,0 +1,298 @@
+"""Keeping the body out of walls, lintels and step sides: obstacles found in the scene.
+
+MuJoCo's ``mj_geomDistance`` gives distance and nearest points between convex geoms; here they
+become inequalities for the IK solvers, ``normalᵀ J d ≥ margin − distance``.
+
+A lintel can be left upwards, downwards, forwards or backwards. Forwards is the shortest and the
+wrong way for someone who walks on: an obstacle that cannot be stepped over is therefore drawn out
+along the way the body passes it, and one that hangs overhead upwards too. The ways left are under
+it or beside it, and the body begins to duck a little before and straightens a little after.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.body.feet import Foot
+from mjmotion.body.geom_points import geom_points
+from mjmotion.body.kinematics import Kinematics, Pose, character_geoms
+from mjmotion.footsteps.footholds import Foothold
+from mjmotion.ik.solver import Inequalities
+
+Array = NDArray[np.float64]
+
+MARGIN = 0.02  # distance kept from what cannot be stepped over [m]
+STEP_MARGIN = 0.006  # distance kept from steps, on which a foot and so a shin is at home [m]
+DRAWN = 0.22  # how far before and after itself a tall obstacle counts [m]
+STEP_HEIGHT = 0.45  # an obstacle whose top is higher over the ground cannot be stepped over [m]
+ON_TOP = 0.02  # a foothold this close to an obstacle's box stands on it [m]
+OVERHEAD = 0.8  # an obstacle whose bottom is higher is passed under, never over [m]
+LONG = 2.0  # how far a tall obstacle is drawn out, so that its ends are out of the way [m]
+RAISED = 1.0  # how much higher such an obstacle is taken to be [m]
+_NEAR = 1.3  # an obstacle this far from the root's path is out of reach [m]
+_CONVEX = (
+    mujoco.mjtGeom.mjGEOM_SPHERE,
+    mujoco.mjtGeom.mjGEOM_CAPSULE,
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    mujoco.mjtGeom.mjGEOM_CYLINDER,
+    mujoco.mjtGeom.mjGEOM_BOX,
+    mujoco.mjtGeom.mjGEOM_MESH,
+)
+_CONVEX_SHARE = 0.98  # a mesh that fills this much of its hull counts as convex
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Obstacle:
+    """One convex solid near a walk, as points (k, 3) in the world [m].
+
+    Attributes:
+      name: of the geom it comes from.
+      points: its surface.
+      drawn: the same, drawn out far along ``along`` and upwards where it is tall, else equal.
+      along: (3,) the way the body passes it; zero where it is not tall.
+      span: from where to where along ``along`` the drawn shape counts [m].
+    """
+
+    name: str
+    points: Array
+    drawn: Array
+    along: Array
+    span: tuple[float, float]
+
+    @property
+    def tall(self) -> bool:
+        """Whether it cannot be stepped over."""
+        return bool(self.along.any())
+
+
+def convex_obstacles(model: mujoco.MjModel) -> NDArray[np.int64]:
+    """Return the static colliding convex geoms of a scene: what a body could be inside of.
+
+    Planes and heightfields are ground, and so is a mesh that is not convex, since MuJoCo would take
+    its hull for it.
+    """
+    static = model.body_weldid[model.geom_bodyid] == 0
+    solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    convex = np.isin(model.geom_type, [int(kind) for kind in _CONVEX])
+    chosen = np.flatnonzero(static & solid & convex)
+    return np.array([geom for geom in chosen if _fills_hull(model, int(geom))], dtype=np.int64)
+
+
+def _fills_hull(model: mujoco.MjModel, geom: int) -> bool:
+    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
+        return True
+    from scipy.spatial import ConvexHull, QhullError
+
+    mesh = model.geom_dataid[geom]
+    start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    vertices = np.asarray(model.mesh_vert[start : start + count], dtype=np.float64)
+    start, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    corners = vertices[model.mesh_face[start : start + count]]
+    volume = abs(np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))) / 6.0
+    try:
+        return bool(volume >= _CONVEX_SHARE * ConvexHull(vertices).volume)
+    except QhullError:
+        return False
+
+
+def find_obstacles(
+    scene: mujoco.MjModel, root_path: Array, footholds: Sequence[Foothold]
+) -> tuple[Obstacle, ...]:
+    """Return the obstacles within reach of a walk.
+
+    Args:
+      scene: the scene alone.
+      root_path: (nframe, 3) where the root will pass, about [m].
+      footholds: what it will stand on.
+    """
+    geoms = convex_obstacles(scene)
+    data = mujoco.MjData(scene)
+    mujoco.mj_kinematics(scene, data)
+    found = []
+    way = np.gradient(root_path, axis=0) if len(root_path) > 1 else np.ones((1, 3))
+    stands = np.array([foothold.position for foothold in footholds]).reshape(-1, 3)
+    for geom in geoms:
+        matrix = data.geom_xmat[geom].reshape(3, 3)
+        surface = geom_points(scene, int(geom)) @ matrix.T + data.geom_xpos[geom]
+        low, high = surface.min(axis=0), surface.max(axis=0)
+        gap = np.maximum(0.0, np.maximum(low[:2] - root_path[:, :2], root_path[:, :2] - high[:2]))
+        distance = np.hypot(gap[:, 0], gap[:, 1])
+        nearest = int(np.argmin(distance))
+        if distance[nearest] > _NEAR:
+            continue
+        apart = np.maximum(0.0, np.maximum(low - stands, stands - high))[:, :2]
+        ground = stands[np.argmin(np.hypot(apart[:, 0], apart[:, 1])), 2] if len(stands) else 0.0
+        drawn, direction, span = surface, np.zeros(3), (-np.inf, np.inf)
+        stood_on = ((stands > low - ON_TOP) & (stands < high + ON_TOP)).all(axis=1).any()
+        if high[2] - ground > STEP_HEIGHT and not stood_on:
+            close = distance < distance[nearest] + 0.4
+            heading = way[close].sum(axis=0)
+            direction = heading / max(float(np.linalg.norm(heading)), 1e-9)
+            along = surface @ direction
+            span = (float(along.min()) - DRAWN, float(along.max()) + DRAWN)
+            drawn = np.concatenate((surface - LONG * direction, surface + LONG * direction))
+            if low[2] - ground > OVERHEAD:
+                drawn = np.concatenate((drawn, drawn + (0.0, 0.0, RAISED)))
+        name = scene.geom(int(geom)).name or f"geom {geom}"
+        found.append(Obstacle(name, surface, drawn, direction, span))
+    return tuple(found)
+
+
+class ObstacleClearance:
+    """Inequalities that keep a character out of obstacles (:class:`mjmotion.ik.solver.Clearance`).
+
+    Args:
+      character: the character alone.
+      obstacles: what to keep out of.
+      feet: their bodies are left out, the ground being theirs to stand on.
+      nframe: most frames that will be asked for.
+      margin: distance to keep [m].
+    """
+
+    def __init__(
+        self,
+        character: mujoco.MjSpec,
+        obstacles: Sequence[Obstacle],
+        feet: Sequence[Foot],
+        nframe: int,
+        margin: float = MARGIN,
+    ) -> None:
+        self.obstacles = tuple(obstacles)
+        self.margin = margin
+        self._tall = np.array([obstacle.tall for obstacle in obstacles], dtype=bool)
+        self._along = np.array([obstacle.along for obstacle in obstacles]).reshape(-1, 3)
+        self._span = np.array([obstacle.span for obstacle in obstacles]).reshape(-1, 2)
+        spec = character.copy()
+        for kind in ("drawn", "points"):
+            for number, obstacle in enumerate(obstacles):
+                name = _wall_name(kind, number)
+                spec.add_mesh(name=name, uservert=getattr(obstacle, kind).ravel().tolist())
+                geom = spec.worldbody.add_geom(name=name, meshname=name)
+                geom.type = mujoco.mjtGeom.mjGEOM_MESH
+                geom.contype = geom.conaffinity = 0
+        self.model = spec.compile()
+        self._data = mujoco.MjData(self.model)
+        mujoco.mj_kinematics(self.model, self._data)
+        self._kinematics = Kinematics(self.model, nframe, geoms=True)
+        foot_bodies = {foot.body for foot in feet}
+        self._mine = character_geoms(self.model)
+        self._geoms = np.array(
+            [
+                geom
+                for geom in character_geoms(self.model, colliding=True)
+                if int(self.model.geom_bodyid[geom]) not in foot_bodies
+            ],
+            dtype=np.int64,
+        )
+        self._walls = {
+            kind: np.array(
+                [self.model.geom(_wall_name(kind, n)).id for n in range(len(obstacles))], np.int64
+            )
+            for kind in ("drawn", "points")
+        }
+        # Boxes around what counts of each obstacle: its own shape, and as much as it is drawn.
+        reach = DRAWN * np.abs(self._along)
+        top = [o.drawn[:, 2].max() for o in obstacles]
+        self._low = np.array([o.points.min(axis=0) for o in obstacles]).reshape(-1, 3) - reach
+        self._high = np.array([o.points.max(axis=0) for o in obstacles]).reshape(-1, 3) + reach
+        self._high[:, 2] = top
+
+    def __call__(self, qpos: Array, frames: NDArray[np.int64]) -> Inequalities:
+        """Return what poses (n, nq) lack of the margin; ``frames`` says nothing more here."""
+        rows = np.flatnonzero(self._near_root(qpos))
+        if len(rows) == 0:
+            return self._nothing()
+        pose, frame, geom, wall = self._pairs(qpos, rows)
+        distance, ends = self._distances(pose, frame, geom, self._walls["drawn"][wall])
+        margin = self._margins[wall]
+        lacking = distance < margin
+        margin = margin[lacking]
+        frame, geom, distance = frame[lacking], geom[lacking], distance[lacking]
+        body_end, wall_end = ends[lacking, 0], ends[lacking, 1]
+        apart = np.where(distance[:, None] >= 0.0, body_end - wall_end, wall_end - body_end)
+        length = np.linalg.norm(apart, axis=1, keepdims=True)
+        known = length[:, 0] > 1e-6
+        normal = apart[known] / length[known]
+        bodies = self.model.geom_bodyid[geom[known]]
+        jacobian = pose.rows(frame[known], body_end[known], bodies, normal)
+        needed = (margin - distance)[known]
+        return Inequalities(rows[frame[known]], jacobian, needed, distance[known])
+
+    def inside(self, qpos: Array) -> tuple[Array, NDArray[np.int64], tuple[str, ...]]:
+        """Return how deep bodies are in the true obstacles: depths (m,) [m], frames (m,), names."""
+        rows = np.flatnonzero(self._near_root(qpos))
+        if len(rows) == 0:
+            return np.empty(0), np.empty(0, np.int64), ()
+        pose, frame, geom, wall = self._pairs(qpos, rows)
+        distance, _ = self._distances(pose, frame, geom, self._walls["points"][wall])
+        bad = distance < 0.0
+        return -distance[bad], rows[frame[bad]], tuple(self.obstacles[w].name for w in wall[bad])
+
+    def _pairs(
+        self, qpos: Array, rows: NDArray[np.int64]
+    ) -> tuple[Pose, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        pose = self._kinematics.forward(qpos[rows], rows)
+        assert pose.geom_xpos is not None
+        return pose, *self._close_pairs(pose.geom_xpos)
+
+    def _nothing(self) -> Inequalities:
+        return Inequalities(
+            np.empty(0, np.int64), np.empty((0, self.model.nv)), np.empty(0), np.empty(0)
+        )
+
+    @property
+    def _margins(self) -> Array:
+        return np.where(self._tall, self.margin, STEP_MARGIN)
+
+    def _near_root(self, qpos: Array) -> NDArray[np.bool_]:
+        """Frames whose root is within a body's length of some obstacle."""
+        if len(self.obstacles) == 0:
+            return np.zeros(len(qpos), dtype=bool)
+        root = qpos[:, None, :3]
+        gap = np.maximum(0.0, np.maximum(self._low - root, root - self._high))
+        return np.asarray((np.linalg.norm(gap, axis=-1) < _NEAR).any(axis=1))
+
+    def _close_pairs(
+        self, geom_xpos: Array
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Frame, geom and obstacle number of pairs whose bounding shapes come within the margin."""
+        centre = geom_xpos[:, self._geoms, None]
+        gap = np.maximum(0.0, np.maximum(self._low - centre, centre - self._high))
+        bound = self.model.geom_rbound[self._geoms][None, :, None] + self._margins
+        frame, geom, wall = np.nonzero(np.einsum("fgoi,fgoi->fgo", gap, gap) < bound * bound)
+        passed = np.einsum("mi,mi->m", geom_xpos[frame, self._geoms[geom]], self._along[wall])
+        level = (passed > self._span[wall, 0]) & (passed < self._span[wall, 1])
+        return frame[level], self._geoms[geom[level]], wall[level]
+
+    def _distances(
+        self,
+        pose: Pose,
+        frame: NDArray[np.int64],
+        geom: NDArray[np.int64],
+        wall: NDArray[np.int64],
+    ) -> tuple[Array, Array]:
+        """Signed distances (m,) and nearest points (m, 2, 3): on the body, on the obstacle."""
+        assert pose.geom_xpos is not None and pose.geom_xmat is not None
+        distance = np.empty(len(frame))
+        ends = np.zeros((len(frame), 6))
+        data, model, mine, limit = self._data, self.model, self._mine, self.margin + 0.01
+        last = -1
+        # MuJoCo measures one pair a call; the pairs left here are few.
+        for number in range(len(frame)):
+            if frame[number] != last:
+                last = frame[number]
+                data.geom_xpos[mine] = pose.geom_xpos[last, mine]
+                data.geom_xmat[mine] = pose.geom_xmat[last, mine].reshape(-1, 9)
+            distance[number] = mujoco.mj_geomDistance(
+                model, data, int(geom[number]), int(wall[number]), limit, ends[number]
+            )
+        return distance, ends.reshape(-1, 2, 3)
+
+
+def _wall_name(kind: str, number: int) -> str:
+    return f"mjmotion_{kind}_{number}"

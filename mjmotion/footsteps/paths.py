@@ -1,0 +1,382 @@
+"""Where each foot goes, at every frame: held on its footholds, smooth and clear in between.
+
+The target of a foot is the source's own path carried to the new footholds. While heel and toe both
+stand the foot is the foothold itself; while one of them stands the foot turns about it; in between
+the carry blends from one foothold to the next, what the contacts took away fades out within a tenth
+of a second, and the foot is lifted where the ground would come too near. As targets are smooth, so
+is what IK makes of them: the exact pass (§4.4) has no kink to bring back.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.body.feet import Foot
+from mjmotion.body.kinematics import Pose, site_id
+from mjmotion.constraints.shared_targets import SharedMove
+from mjmotion.footsteps.footholds import Foothold, Stance, carried
+from mjmotion.numerics.rotations import (
+    conjugate,
+    continuous,
+    exp,
+    from_matrix,
+    log,
+    multiply,
+    normalized,
+    rotate,
+    yaw_quat,
+)
+from mjmotion.numerics.smoothing import blend, cover, ease, envelope, fade
+from mjmotion.scene.ground import Ground
+
+Array = NDArray[np.float64]
+
+FADE_TIME = 0.03  # what a contact took away dies out as exp(-t / this) [s]
+FADE_FRAMES = 1.5  # the same at least, so that a few frames share what one would show [frames]
+DIP = 0.001  # how far a foot that rolls on one contact may dig in with its side [m]
+STUCK = 0.0015  # how far in a step a lifted foot may be before it is held back [m]
+LIFT_PULL = 30.0  # acceleration with which a foot can be lifted off, or set down [m/s²]
+LIFT_TIME = 0.05  # scale of a lift's rise and fall [s]
+SHORT_LEVER = 0.06  # least lever that a tip about a contact is reckoned with [m]
+SHORT_LIFT = 0.015  # the most that a foot is lifted in a hurry, where it scrapes [m]
+SHORT_LIFT_TIME = 0.03  # scale of that [s]
+SCRAPE = 0.001  # how far a foot may scrape before it is [m]
+CLEARANCE = 0.022  # most clearance that a swing is given on its own account [m]
+CLEARANCE_MORE = 0.0015  # clearance that a swing gets over its source's, up to that [m]
+FREE_RIGIDITY = 100.0  # α of a free foothold: 10 cm cost what 1 rad of a joint does [1/m²]
+_INSIST = 60.0  # how much what a contact allows counts against smoothness
+CLEARANCE_TIME = 0.1  # time from a stance in which a swing comes to its clearance [s]
+PULL_BACK = 0.7  # share of a swing in which a foot may be held back from a step, at either end
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FootPath:
+    """Targets of one foot's posed site, and how it got there.
+
+    Attributes:
+      site: name of the posed site.
+      position: (nframe, 3) [m].
+      quat: (nframe, 4) wxyz.
+      shift: (nframe, 3) how far its contacts are shifted, blended through the swings [m].
+      stance: (nframe,) when any contact holds.
+      lift: (nframe,) how much it was lifted to clear the ground [m].
+    """
+
+    site: str
+    position: Array
+    quat: Array
+    shift: Array
+    stance: NDArray[np.bool_]
+    lift: Array
+
+
+def foot_path(
+    foot: Foot,
+    index: int,
+    pose: Pose,
+    stances: Sequence[Stance],
+    footholds: Sequence[Foothold],
+    ground: Ground,
+    fps: float,
+) -> FootPath:
+    """Return the path of foot number ``index``.
+
+    Args:
+      foot: the foot.
+      index: its number in the stances.
+      pose: the source, every frame.
+      stances: all stances, of both feet.
+      footholds: one a stance.
+      ground: the scene's surfaces.
+      fps: frames a second.
+    """
+    site = site_id(pose.model, foot.site)
+    source_pos = pose.site_xpos[:, site]
+    source_quat = continuous(from_matrix(pose.site_xmat[:, site]))
+    mine = [(s, f) for s, f in zip(stances, footholds, strict=True) if s.foot == index]
+    nframe = len(source_pos)
+    if not mine:
+        zero = np.zeros((nframe, 3))
+        free = np.zeros(nframe, dtype=bool)
+        return FootPath(foot.site, source_pos, source_quat, zero, free, np.zeros(nframe))
+    holds = _Holds(foot, mine, nframe)
+    shift, turn = _carry(mine, nframe)
+    base = multiply(turn, source_quat)
+    fading = max(FADE_TIME * fps, FADE_FRAMES)
+    quat = _turned(foot, holds, base, fading)
+    position = source_pos + shift
+    held = holds.site_position(quat)
+    position = position + fade(holds.any, held - position, fading)
+    position[holds.any] = held[holds.any]
+    wanted = _wanted_clearance(foot, source_pos, source_quat, mine, nframe)
+    step_over = _StepOver(foot, quat, wanted, holds.any, ground, fps)
+    position, lift = step_over(position, mine)
+    return FootPath(foot.site, position, quat, shift, holds.any, lift)
+
+
+class _Holds:
+    """What a foot's contacts hold at each frame."""
+
+    def __init__(self, foot: Foot, mine: Sequence[tuple[Stance, Foothold]], nframe: int) -> None:
+        self.foot = foot
+        self.heel = np.zeros(nframe, dtype=bool)
+        self.toe = np.zeros(nframe, dtype=bool)
+        self.position = np.zeros((nframe, 3))
+        self.quat = np.tile((1.0, 0.0, 0.0, 0.0), (nframe, 1))
+        for stance, foothold in mine:
+            span = slice(stance.start, stance.end)
+            self.position[span], self.quat[span] = foothold.position, foothold.quat
+            self.heel[slice(*stance.heel)] = True
+            self.toe[slice(*stance.toe)] = True
+        self.any = self.heel | self.toe
+        self.flat = self.heel & self.toe
+
+    def site_position(self, quat: Array) -> Array:
+        """Where the posed site is when the contact that holds stays and the foot is turned."""
+        local = np.where(self.heel[:, None], self.foot.heel, self.foot.toe)
+        point = self.position + rotate(self.quat, local)
+        return np.where(self.flat[:, None], self.position, point - rotate(quat, local))
+
+
+def free_footholds(
+    feet: Sequence[Foot],
+    stances: Sequence[Stance],
+    footholds: Sequence[Foothold],
+    nframe: int,
+) -> list[SharedMove]:
+    """Return one shared move a stance (§7): its foothold is free in its own plane, and to turn.
+
+    The paths of the swings before and after follow, as they follow a foothold that is elsewhere.
+    """
+    moves = []
+    for index, foot in enumerate(feet):
+        mine = [(s, f) for s, f in zip(stances, footholds, strict=True) if s.foot == index]
+        for number, (stance, foothold) in enumerate(mine):
+            begin = mine[number - 1][0].end if number > 0 else 0
+            end = mine[number + 1][0].start if number + 1 < len(mine) else nframe
+            share = np.ones(end - begin)
+            before, after = stance.start - begin, end - stance.end
+            if number > 0:
+                share[:before] = ease((np.arange(before) + 1.0) / (before + 1.0))
+            if number + 1 < len(mine):
+                rest = share[stance.end - begin :]
+                rest[:] = 1.0 - ease((np.arange(after) + 1.0) / (after + 1.0))
+            level = rotate(foothold.quat, np.eye(3)[:2])
+            moves.append(
+                SharedMove(
+                    foot.site,
+                    np.arange(begin, end),
+                    share,
+                    foothold.position,
+                    level - (level @ foothold.normal)[:, None] * foothold.normal,
+                    foothold.normal,
+                    rigidity=FREE_RIGIDITY,
+                )
+            )
+    return moves
+
+
+def _carry(mine: Sequence[tuple[Stance, Foothold]], nframe: int) -> tuple[Array, Array]:
+    """Shift (nframe, 3) and turn (nframe, 4) from the source: constant in stance, eased else."""
+    shift, turn = np.empty((nframe, 3)), np.empty((nframe, 4))
+    previous: tuple[int, Array, Array] | None = None
+    for stance, foothold in mine:
+        move, rotation = foothold.position - stance.source_pos, carried(stance, foothold)
+        if previous is None:
+            shift[: stance.end], turn[: stance.end] = move, rotation
+        else:
+            end, old_move, old_turn = previous
+            count = stance.start - end
+            s = (np.arange(count) + 1.0) / (count + 1.0)
+            share = ease(s)[:, None]
+            shift[end : stance.start] = old_move + share * (move - old_move)
+            between = log(multiply(rotation, conjugate(old_turn)))
+            turn[end : stance.start] = multiply(exp(share * between), np.tile(old_turn, (count, 1)))
+            shift[stance.start : stance.end], turn[stance.start : stance.end] = move, rotation
+        previous = (stance.end, move, rotation)
+    assert previous is not None
+    shift[previous[0] :], turn[previous[0] :] = previous[1], previous[2]
+    return shift, turn
+
+
+def _turned(foot: Foot, holds: _Holds, base: Array, time: float) -> Array:
+    """Orientation: the foothold's while flat, the carried source's else, smooth where they meet.
+
+    On one contact the foot keeps the source's yaw, and its pitch unless that is downwards. Its
+    roll comes with the pitch: a rigid sole that rolls while it is nearly flat digs in its side.
+    """
+    w, x, y, z = np.moveaxis(multiply(conjugate(holds.quat), base), -1, 0)
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    single = np.where(holds.heel, np.minimum(pitch, 0.0), np.maximum(pitch, 0.0))
+    pitch = np.where(holds.flat, pitch, single)
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    zero = np.zeros_like(yaw)
+    pitched = multiply(yaw_quat(yaw), exp(np.stack((zero, pitch, zero), axis=-1)))
+    # Heights over the surface are all but linear in the roll: keep as much as digs in by DIP.
+    arm = foot.sole - np.where(holds.heel[:, None], foot.heel, foot.toe)[:, None]
+    rolled = multiply(pitched, exp(np.stack((roll, zero, zero), axis=-1)))
+    level, rolls = (rotate(turn[:, None], arm)[..., 2] for turn in (pitched, rolled))
+    share = np.where(rolls < level, (level + DIP) / np.maximum(level - rolls, 1e-9), 1.0)
+    roll = roll * np.clip(share.min(axis=1), 0.0, 1.0)
+    rolled = multiply(pitched, exp(np.stack((roll, zero, zero), axis=-1)))
+    allowed = multiply(holds.quat, rolled)
+    # First towards what a contact allows, smoothly; then flat, faded into all that is not flat.
+    correction = log(multiply(conjugate(base), allowed))
+    quat = multiply(base, exp(blend(np.where(holds.any, _INSIST, 0.0), correction, time)))
+    quat = _tipped_up(foot, holds, quat, time)
+    quat = multiply(quat, exp(fade(holds.flat, log(multiply(conjugate(quat), holds.quat)), time)))
+    quat[holds.flat] = holds.quat[holds.flat]
+    return normalized(quat)
+
+
+def _tipped_up(foot: Foot, holds: _Holds, quat: Array, time: float) -> Array:
+    """Tip a foot on one contact up about it where smoothness still lets its other end dig in."""
+    single = holds.any & ~holds.flat
+    arm = foot.sole - np.where(holds.heel[:, None], foot.heel, foot.toe)[:, None]
+    height = rotate(multiply(conjugate(holds.quat), quat)[:, None], arm)[..., 2]
+    lowest = height.argmin(axis=1)
+    index = np.arange(len(quat))
+    lever = np.maximum(np.abs(arm[index, lowest, 0]), SHORT_LEVER)
+    need = np.where(single, (-height[index, lowest] - DIP) / lever, 0.0)
+    if need.max() <= 0.0:
+        return quat
+    tip = cover(need, time) * np.where(holds.heel, -1.0, 1.0)
+    zero = np.zeros_like(tip)
+    tipped = multiply(quat, exp(np.stack((zero, tip, zero), axis=-1)))
+    return np.where(single[:, None], tipped, quat)
+
+
+def _wanted_clearance(
+    foot: Foot,
+    source_pos: Array,
+    source_quat: Array,
+    mine: Sequence[tuple[Stance, Foothold]],
+    nframe: int,
+) -> Array:
+    """Clearance that a swing should have at each frame (nframe,) [m]: the source's, up to a bound.
+
+    The source stands on level ground, at the heights that its own stances show.
+    """
+    frames = [0.5 * (stance.start + stance.end) for stance, _ in mine]
+    level = np.interp(np.arange(nframe), frames, [stance.source_pos[2] for stance, _ in mine])
+    sole = source_pos[:, None] + rotate(source_quat[:, None], foot.sole[None])
+    over = sole[..., 2].min(axis=1) - level
+    return np.where(over > 0.0, np.minimum(over + CLEARANCE_MORE, CLEARANCE), 0.0)
+
+
+class _StepOver:
+    """Takes a foot over the ground between its stances: lifted, and held back before steps."""
+
+    def __init__(
+        self,
+        foot: Foot,
+        quat: Array,
+        wanted: Array,
+        stance: NDArray[np.bool_],
+        ground: Ground,
+        fps: float,
+    ) -> None:
+        self._shape = rotate(quat[:, None], foot.shape[None])
+        self._stance, self._ground, self._fps = stance, ground, fps
+        self._swing = np.flatnonzero(~stance)
+        # A foot cannot be up at once: a lift is bounded by what it could rise since its stance.
+        apart = _frames_to(stance) / fps
+        # Close to a stance it is enough to be over the ground; what is wanted comes in time.
+        s = np.clip(apart / CLEARANCE_TIME, 0.0, 1.0)
+        self._wanted = wanted * s * s * (3.0 - 2.0 * s)
+        self._most = np.where(np.isfinite(apart), 0.5 * LIFT_PULL * apart**2, 10.0)
+
+    def __call__(
+        self, position: Array, mine: Sequence[tuple[Stance, Foothold]]
+    ) -> tuple[Array, Array]:
+        """Return positions (nframe, 3) that clear the ground, and the lifts (nframe,) [m]."""
+        lacking = self._lacking(position, self._swing)
+        lift = self._lift(lacking)
+        inside = lacking - self._wanted - lift
+        stuck = self._swing[inside[self._swing] > STUCK]
+        if len(stuck):
+            position = self._held_back(position, lift, stuck, mine)
+            lacking = self._lacking(position, self._swing)
+            lift = self._lift(lacking)
+        lift = lift + self._short_lift(lacking, lift)
+        lifted = position.copy()
+        lifted[:, 2] += lift
+        return lifted, lift
+
+    def _lacking(self, position: Array, frames: NDArray[np.int64]) -> Array:
+        """How much higher the foot would have to be (nframe,) [m]; -inf elsewhere."""
+        points = position[frames, None] + self._shape[frames]
+        height, _ = self._ground.under(points)
+        over = np.where(np.isnan(height), np.inf, points[..., 2] - height).min(axis=1)
+        lacking = np.full(len(position), -np.inf)
+        lacking[frames] = self._wanted[frames] - over
+        return lacking
+
+    def _lift(self, lacking: Array) -> Array:
+        return envelope(np.minimum(lacking, self._most), self._stance, LIFT_TIME * self._fps)
+
+    def _short_lift(self, lacking: Array, lift: Array) -> Array:
+        """Lift quickly and little where the foot still scrapes next to a contact (nframe,) [m]."""
+        scrape = lacking - self._wanted - lift
+        if scrape.max() < SCRAPE:
+            return np.zeros(len(lift))
+        time = max(SHORT_LIFT_TIME * self._fps, FADE_FRAMES)
+        return envelope(np.minimum(scrape, SHORT_LIFT), self._stance, time)
+
+    def _held_back(
+        self,
+        position: Array,
+        lift: Array,
+        stuck: NDArray[np.int64],
+        mine: Sequence[tuple[Stance, Foothold]],
+    ) -> Array:
+        """Hold the foot back in the plane where it cannot be lifted in time, as before a riser."""
+        back, nframe = position.copy(), len(position)
+        margin = max(1, round(0.1 * self._fps))
+        for number, (stance, _) in enumerate(mine):
+            before = mine[number - 1][0].end if number > 0 else 0
+            after = mine[number + 1][0].start if number + 1 < len(mine) else nframe
+            # Off this stance, and on to it: the swing, and the part of it that may be held.
+            reach_off = stance.end + round(PULL_BACK * (after - stance.end))
+            reach_on = stance.start - round(PULL_BACK * (stance.start - before))
+            for anchor, begin, stop, low, high in (
+                (stance.end - 1, stance.end, after, stance.end - margin, reach_off),
+                (stance.start, before, stance.start, reach_on, stance.start + margin),
+            ):
+                middle = 0.5 * (begin + stop)
+                mine_too = (stuck <= middle) if anchor < begin else (stuck >= middle)
+                frames = stuck[(stuck >= begin) & (stuck < stop) & mine_too]
+                need = self._share_held(position, lift, frames, anchor)
+                if np.isfinite(need).any():
+                    closed = np.ones(nframe, dtype=bool)
+                    closed[max(0, low) : high] = False
+                    curve = np.minimum(envelope(need, closed, LIFT_TIME * self._fps), 1.0)
+                    part = slice(begin, stop)
+                    move = position[anchor, :2] - position[part, :2]
+                    back[part, :2] += curve[part, None] * move
+        return back
+
+    def _share_held(
+        self, position: Array, lift: Array, frames: NDArray[np.int64], anchor: int
+    ) -> Array:
+        """Least share (nframe,) of the way back to ``anchor`` that clears ``frames``; -inf else."""
+        need = np.full(len(position), -np.inf)
+        for share in (1.0, 0.75, 0.5, 0.25) if len(frames) else ():
+            trial = position.copy()
+            trial[frames, :2] += share * (position[anchor, :2] - position[frames, :2])
+            inside = self._lacking(trial, frames)[frames] - self._wanted[frames] - lift[frames]
+            need[frames[inside <= DIP]] = share
+        return need
+
+
+def _frames_to(mask: NDArray[np.bool_]) -> Array:
+    """Distance of each frame to the nearest one in the mask; inf when there is none."""
+    index = np.arange(len(mask))
+    before = np.maximum.accumulate(np.where(mask, index, -np.inf))
+    after = np.minimum.accumulate(np.where(mask, index, np.inf)[::-1])[::-1]
+    return np.minimum(index - before, after - index)

@@ -1,0 +1,249 @@
+"""What a scene asks of a walk, before anything is fitted: footholds, foot paths, the root's way.
+
+what = plan(clip, scene)
+what.constraints(), what.root_shift, what.obstacles
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.body.feet import find_feet
+from mjmotion.body.kinematics import Kinematics, Pose
+from mjmotion.body.limbs import find_limbs, limbs_of
+from mjmotion.body.motion import Motion
+from mjmotion.constraints import SiteConstraint
+from mjmotion.constraints.shared_targets import SharedMove
+from mjmotion.exceptions import ContactError
+from mjmotion.fitting import default_levels, fit
+from mjmotion.footsteps.ankles import give
+from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
+from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds, find_stances
+from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
+from mjmotion.footsteps.paths import FootPath, foot_path, free_footholds
+from mjmotion.numerics.bspline import fit_multilevel
+from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
+from mjmotion.numerics.smoothing import cover
+from mjmotion.scene import Scene
+from mjmotion.scene.ground import Ground
+
+Array = NDArray[np.float64]
+
+REACH_FREE = 0.97  # share of a leg's length that a root path may always ask for
+REACH_MOST = 0.995  # the most it may ask for, where the source did
+OFF_PLANE = 0.03  # further out of its plane than this a free foothold stands on something else [m]
+_HALVINGS = 3  # of a move that would take a foothold there; after the last it stays
+DROP_TIME = 0.3  # how far on either side it is felt that a leg would not reach [s]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Plan:
+    """What the scene asks of a walk, before anything is fitted.
+
+    Attributes:
+      source: the clip placed at the scene's start, on the character's model.
+      contacts: who stands when.
+      paths: where each foot goes.
+      stances: the feet's stays on one spot.
+      footholds: what it stands on, one a stance.
+      root_shift: (nframe, 3) the first guess of §4.5 [m].
+      obstacles: what to keep clear of.
+    """
+
+    source: Motion
+    contacts: tuple[Contact, ...]
+    paths: tuple[FootPath, ...]
+    stances: tuple[Stance, ...]
+    footholds: tuple[Foothold, ...]
+    root_shift: Array
+    obstacles: tuple[Obstacle, ...]
+
+    def constraints(self) -> list[SiteConstraint]:
+        """Both feet posed at every frame."""
+        frames = np.arange(self.source.nframe)
+        return [
+            SiteConstraint(path.site, frames, path.position, path.quat, contact=True)
+            for path in self.paths
+        ]
+
+    def free_footholds(self) -> list[SharedMove]:
+        """One unknown move for every stance, in the plane of its foothold (§7)."""
+        feet = find_feet(self.source.model)
+        return free_footholds(feet, self.stances, self.footholds, self.source.nframe)
+
+
+def place(clip: Motion, scene: Scene) -> Motion:
+    """Return the clip moved to the scene's start: its origin there, its +x along the start's."""
+    qpos = np.array(clip.qpos)
+    turn = yaw_quat(np.full(len(qpos), scene.start_yaw))
+    qpos[:, :3] = rotate(turn, qpos[:, :3]) + scene.start_pos
+    qpos[:, 3:7] = multiply(turn, qpos[:, 3:7])
+    return clip.replace(qpos)
+
+
+def plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = None) -> Plan:
+    """Find out what the scene asks of a walk.
+
+    Raises:
+      ContactError: the clip has no contacts, or the given ones do not fit it.
+      ModelError: the character has no feet.
+      SceneError: no ground under the walk.
+    """
+    source = place(clip, scene)
+    feet = find_feet(clip.model)
+    found = (
+        detect_contacts(source)
+        if contacts is None
+        else check_contacts(contacts, clip.model, clip.nframe)
+    )
+    if not found:
+        raise ContactError(
+            "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
+            " give them with a contacts file"
+        )
+    pose = Kinematics(source.model, source.nframe).forward(source.qpos)
+    stances = find_stances(source, pose, feet, found)
+    footholds = find_footholds(stances, feet, Ground(scene), float(scene.start_pos[2]))
+    return _on_ground(source, pose, found, stances, footholds, scene)
+
+
+def freed(what: Plan, scene: Scene, ik: str = "hybrid") -> Plan:
+    """Return the plan with footholds where they change the walk least (§7).
+
+    Each foothold is free to move and turn in its own plane as a whole; where the fit takes it, it
+    is put on the ground anew, so that nothing slides and nothing floats. One that would come to
+    stand on another step goes less far.
+
+    Args:
+      what: the plan with footholds under those of the clip.
+      scene: the same scene.
+      ik: ``"hybrid"`` or ``"numeric"``.
+
+    Raises:
+      SceneError: there is nothing to stand on where a foothold went.
+    """
+    shared = what.free_footholds()
+    moves = fit(
+        what.source,
+        what.constraints(),
+        ik=ik,
+        first_guess=what.root_shift,
+        shared=shared,
+        exact=False,
+    ).moves
+    feet, ground = find_feet(what.source.model), Ground(scene)
+    order = [i for foot in range(len(feet)) for i, s in enumerate(what.stances) if s.foot == foot]
+    share = np.ones(len(order))
+    for halving in range(_HALVINGS + 1):
+        spots = list(what.stances)
+        for index, move, found in zip(order, shared, share[:, None] * moves, strict=True):
+            spots[index] = dataclasses.replace(
+                what.stances[index],
+                source_pos=move.pivot + found[: len(move.directions)] @ move.directions,
+                source_quat=multiply(yaw_quat(found[3]), what.stances[index].source_quat),
+            )
+        new = find_footholds(spots, feet, ground, float(scene.start_pos[2]))
+        off = np.array([_off_plane(what.footholds[i], new[i]) > OFF_PLANE for i in order])
+        if not off.any():
+            break
+        share[off] *= 0.5 if halving < _HALVINGS - 1 else 0.0
+    source = what.source
+    pose = Kinematics(source.model, source.nframe).forward(source.qpos)
+    return _on_ground(source, pose, what.contacts, what.stances, new, scene)
+
+
+def _off_plane(old: Foothold, new: Foothold) -> float:
+    """How far a foothold left the plane of the one that it was free to move in [m]."""
+    return float(abs((new.position - old.position) @ old.normal))
+
+
+def _on_ground(
+    source: Motion,
+    pose: Pose,
+    found: tuple[Contact, ...],
+    stances: Sequence[Stance],
+    footholds: tuple[Foothold, ...],
+    scene: Scene,
+) -> Plan:
+    """Plan the ways from foothold to foothold, one a stance."""
+    feet, ground = find_feet(source.model), Ground(scene)
+    paths = tuple(
+        foot_path(foot, index, pose, stances, footholds, ground, source.fps)
+        for index, foot in enumerate(feet)
+    )
+    shift = root_shift(source, pose, paths)
+    given, standing = give(shifted(source, shift), feet, paths, found)
+    if given != paths:
+        paths, found = given, standing
+        shift = root_shift(source, pose, paths)
+    obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
+    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles)
+
+
+def shifted(motion: Motion, shift: Array) -> Motion:
+    """Return the motion with its root shifted by (nframe, 3) [m]."""
+    qpos = np.array(motion.qpos)
+    qpos[:, :3] += shift
+    return motion.replace(qpos)
+
+
+def root_shift(source: Motion, pose: Pose, paths: Sequence[FootPath]) -> Array:
+    """Return the first guess of §4.5 (nframe, 3) [m]: the mean shift of the feet's contacts.
+
+    Each foot's shift is blended through its swing, so the mean is smooth; it is fitted with the
+    coarse knots alone. Where a leg would then be longer than it is, the root goes down.
+    """
+    shift = mean_shift(source, paths)
+    shift[:, 2] -= drop(source, pose, paths, shift)
+    return shift
+
+
+def mean_shift(source: Motion, paths: Sequence[FootPath]) -> Array:
+    """Return the feet's mean shift (nframe, 3) [m], fitted with the coarse knots alone (§4.5)."""
+    mean = np.mean([path.shift for path in paths], axis=0)
+    spacings = default_levels(source.fps)
+    return fit_multilevel(np.arange(source.nframe), mean, source.nframe, spacings[:-1])
+
+
+def drop(
+    source: Motion,
+    pose: Pose,
+    paths: Sequence[FootPath],
+    shift: Array,
+    reach: tuple[float, float] = (REACH_FREE, REACH_MOST),
+) -> Array:
+    """Return how far the root must go down for every foot to be within reach (nframe,) [m].
+
+    Args:
+      source: the motion.
+      pose: its poses.
+      paths: where its feet are to be.
+      shift: (nframe, 3) how far the root is moved already [m].
+      reach: shares of a leg's length: that may always be asked for, and that may be asked for where
+        the source did.
+    """
+    ends = {limb.end: limb for limb in find_limbs(source.model)}
+    need = np.full(source.nframe, -np.inf)
+    low, high = reach
+    for path in paths:
+        site = source.model.site(path.site)
+        limb = ends.get(int(site.bodyid[0]))
+        if limb is None:
+            continue
+        limbs = limbs_of(source.model, (limb,))
+        hip = pose.xanchor[:, source.model.body_jntadr[limb.upper]]
+        ankle = pose.xanchor[:, source.model.body_jntadr[limb.end]]
+        was = np.linalg.norm(hip - ankle, axis=1)
+        long = float(limbs.reach[0])
+        most = np.clip(was, low * long, high * long)
+        local = source.model.jnt_pos[source.model.body_jntadr[limb.end]] - site.pos
+        goal = path.position + rotate(path.quat, np.broadcast_to(local, path.position.shape))
+        apart = hip + shift - goal
+        flat = np.linalg.norm(apart[:, :2], axis=1)
+        allowed = np.sqrt(np.maximum(most**2 - flat**2, (0.5 * long) ** 2))
+        need = np.maximum(need, apart[:, 2] - allowed)
+    return cover(need, DROP_TIME * source.fps)

@@ -1,0 +1,1 @@
+"""Mathematics that knows no body: rotations, ⊕ and ⊖, B-splines, smooth curves."""

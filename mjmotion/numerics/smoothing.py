@@ -1,0 +1,195 @@
+"""Curves over frames that must pass through some values, or stay above them, and are else smooth.
+
+Both are least-squares problems with a banded matrix, so their cost is linear in frames.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_DIFFERENCES = (
+    np.array((1.0,)),
+    np.array((-1.0, 1.0)),
+    np.array((1.0, -2.0, 1.0)),
+    np.array((-1.0, 3.0, -3.0, 1.0)),
+)
+_ROUNDS = 60
+_HALVINGS = 12
+_SETTLED = 1e-7  # a Newton step this small ends the search [m]
+_RAISES = 8
+_STIFF = 30.0  # penalty for a curve below what is needed, against its own stiffness
+_ABOVE = 1e-4  # how far below a wanted height a curve may stay [m]
+
+
+def _energy(nframe: int, weights: tuple[float, float, float, float]) -> Array:
+    """Lower band (4, nframe) of Σ_k weights[k] D_kᵀ D_k, with D_k the k-th difference."""
+    band = np.zeros((4, nframe))
+    for order, weight in enumerate(weights):
+        window = _DIFFERENCES[order]
+        for i in range(order + 1):
+            for j in range(i + 1):
+                band[i - j, j : nframe - order + j] += weight * window[i] * window[j]
+    return band
+
+
+def _solve(band: Array, right: Array, fixed: NDArray[np.bool_], values: Array) -> Array:
+    """Solve the banded system with some unknowns given."""
+    from scipy.linalg import solveh_banded
+
+    band, right = band.copy(), right.copy()
+    free = ~fixed
+    known = np.where(fixed[:, None], values, 0.0)
+    for offset in range(1, len(band)):
+        column = band[offset, : len(fixed) - offset, None]
+        right[offset:] -= column * known[:-offset]
+        right[:-offset] -= column * known[offset:]
+        band[offset, : len(fixed) - offset] *= free[offset:] * free[:-offset]
+    band[0, fixed] = 1.0
+    right[fixed] = values[fixed]
+    return np.asarray(solveh_banded(band, right, lower=True, check_finite=False))
+
+
+def fade(fixed: NDArray[np.bool_], values: Array, time: float) -> Array:
+    """Return the curves that are ``values`` at the fixed frames and else fade to zero smoothly.
+
+    They minimise ``τ⁴ |Δ²e|² + 2 τ² |Δe|² + |e|²``, whose solutions leave a fixed stretch with its
+    own slope and die out as ``exp(-t/τ)``. Following its curvature too would swing far over where a
+    contact stops a foot short.
+
+    Args:
+      fixed: (nframe,) where values are given.
+      values: (nframe, k); only those at fixed frames count.
+      time: τ [frames].
+
+    Returns:
+      (nframe, k).
+    """
+    nframe = len(fixed)
+    if nframe < 5 or fixed.all() or not fixed.any():
+        return np.where(fixed[:, None], values, 0.0)
+    band = _energy(nframe, (1.0, 2.0 * time**2, time**4, 0.0))
+    return _solve(band, np.zeros_like(values), fixed, values)
+
+
+def blend(weight: Array, values: Array, time: float) -> Array:
+    """Return smooth curves near ``values`` where ``weight`` says so, and near zero elsewhere.
+
+    They minimise ``τ⁶ |Δ³e|² + 3 τ⁴ |Δ²e|² + 3 τ² |Δe|² + |e|² + weight |e − values|²``.
+
+    Args:
+      weight: (nframe,) how much the values count against zero and against smoothness.
+      values: (nframe, k).
+      time: τ [frames].
+
+    Returns:
+      (nframe, k).
+    """
+    nframe = len(weight)
+    if nframe < 5:
+        return values * (weight / (1.0 + weight))[:, None]
+    band = _energy(nframe, (1.0, 3.0 * time**2, 3.0 * time**4, time**6))
+    band[0] += weight
+    free = np.zeros(nframe, dtype=bool)
+    return _solve(band, weight[:, None] * values, free, values)
+
+
+def envelope(need: Array, fixed: NDArray[np.bool_], time: float) -> Array:
+    """Return a smooth curve that is zero at the fixed frames and nowhere below ``need``.
+
+    It minimises ``τ⁶ |Δ³l|² + 3 τ⁴ |Δ²l|² + 3 τ² |Δl|² + |l|²`` over the curves that stay above, to
+    within 0.1 mm.
+
+    Args:
+      need: (nframe,) least values; -inf or anything negative where nothing is needed.
+      fixed: (nframe,) where the curve must be zero; ``need`` does not count there.
+      time: τ, the scale of its rise and fall [frames].
+
+    Returns:
+      (nframe,) the curve; zero everywhere when nothing is needed.
+    """
+    nframe = len(need)
+    need = np.where(fixed, 0.0, np.maximum(need, 0.0))
+    if nframe < 5 or not (need > 0.0).any():
+        return np.array(need)
+    base = _energy(nframe, (1.0, 3.0 * time**2, 3.0 * time**4, time**6))
+    stiffness = _STIFF * base[0].max()
+    goal = need.copy()
+    curve = np.zeros(nframe)
+    for _ in range(_RAISES):
+        curve = _penalised(base, goal, fixed, stiffness, curve)
+        missing = np.where(fixed, 0.0, need - curve)
+        if missing.max() < _ABOVE:
+            break
+        # Augmented Lagrangian: aim higher by what the penalty let through.
+        goal = np.where(goal > curve, goal + np.maximum(missing, 0.0), goal)
+        goal = np.maximum(goal, np.where(missing > 0.0, need + missing, goal))
+    return np.maximum(curve, 0.0)
+
+
+def cover(need: Array, time: float) -> Array:
+    """Return a smooth curve nowhere below ``need`` nor zero: a sliding maximum, then smoothed.
+
+    Cheaper than :func:`envelope` and broader; for curves that need not be zero anywhere.
+
+    Args:
+      need: (nframe,) least values; negative where nothing is needed.
+      time: how far on either side a peak is felt [frames].
+    """
+    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+    curve = np.maximum(need, 0.0)
+    if not curve.any():
+        return curve
+    width = max(1, round(time / 3.0))
+    curve = maximum_filter1d(curve, 6 * width + 1, mode="nearest")
+    # Three boxes, together no wider than the maximum slid: nowhere less than what is needed.
+    for _ in range(3):
+        curve = uniform_filter1d(curve, 2 * width + 1, mode="nearest")
+    return np.maximum(curve, need)
+
+
+def _penalised(
+    base: Array, goal: Array, fixed: NDArray[np.bool_], stiffness: float, start: Array
+) -> Array:
+    """Minimise ``lᵀ base l + stiffness |max(0, goal − l)|²`` by Newton steps."""
+    zero = np.zeros((len(goal), 1))
+    curve = start
+    for _ in range(_ROUNDS):
+        active = ~fixed & (curve < goal)
+        band = base.copy()
+        band[0, active] += stiffness
+        newton = _solve(band, np.where(active, stiffness * goal, 0.0)[:, None], fixed, zero)
+        direction = newton[:, 0] - curve
+        if np.abs(direction).max() < _SETTLED:
+            break
+        # Along the direction the slope only grows: halve towards where it crosses zero.
+        flat, steep = direction @ _times(base, curve), direction @ _times(base, direction)
+        low, high = 0.0, 1.0
+        for halving in range(_HALVINGS + 1):
+            length = 1.0 if halving == 0 else 0.5 * (low + high)
+            below = np.where(fixed, 0.0, np.maximum(goal - curve - length * direction, 0.0))
+            falling = flat + length * steep < stiffness * (below @ direction)
+            if falling and halving == 0:
+                break
+            low, high = (length, high) if falling else (low, length)
+        curve = curve + length * direction
+    return curve
+
+
+def _times(band: Array, vector: Array) -> Array:
+    """Return the product of a symmetric banded matrix (lower form) and a vector."""
+    product = band[0] * vector
+    for offset in range(1, len(band)):
+        side = band[offset, :-offset]
+        product[offset:] += side * vector[:-offset]
+        product[:-offset] += side * vector[offset:]
+    return product
+
+
+def ease(share: ArrayLike) -> Array:
+    """Return the smooth step from 0 at 0 and below to 1 at 1 and above, twice differentiable."""
+    s = np.clip(np.asarray(share, dtype=np.float64), 0.0, 1.0)
+    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s * s))

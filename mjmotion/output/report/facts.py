@@ -1,0 +1,123 @@
+"""What there is to say about one motion, as numbers and as text."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import cached_property
+from typing import Any
+
+import mjmotion
+from mjmotion.body.morph_body import MorphBody
+from mjmotion.body.motion import Motion
+from mjmotion.footsteps.contacts import Contact
+from mjmotion.validation import Validation
+from mjmotion.validation.result import as_numbers
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Facts:
+    """What there is to say about one adapted motion.
+
+    Attributes:
+      source: the motion before adaptation.
+      motion: the adapted motion, on the model with the scene.
+      contacts: who stands when.
+      validation: the figures.
+      levels: a dict a level of the fit: level, frames_per_knot, seconds, max_error_percent.
+      fit_seconds: how long the whole fit took; None where no fit is known.
+      exact_error_percent: greatest error after the exact pass, percent of the character's height.
+      unmet: a dict a constraint that was not met: constraint, frames, residual_mm or, of an
+        orientation, residual_deg, and own: whether the user asked for it.
+      title: what the page is called.
+      body: the character's size in every frame of the motion, where that changes.
+    """
+
+    source: Motion
+    motion: Motion
+    contacts: tuple[Contact, ...]
+    validation: Validation
+    levels: tuple[dict[str, Any], ...] = ()
+    fit_seconds: float | None = None
+    exact_error_percent: float | None = None
+    unmet: tuple[dict[str, Any], ...] = ()
+    title: str = "Adapted motion"
+    body: MorphBody | None = None
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Every figure by name, with its unit in the name."""
+        return self.validation.metrics
+
+    @cached_property
+    def broken(self) -> list[str]:
+        """Names of the figures beyond their thresholds."""
+        return self.validation.broken()
+
+    def table(self) -> str:
+        """Return the figures as text, for a terminal."""
+        return table(self.validation)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what ``report.json`` holds: plain numbers; None for what was not there to measure.
+
+        An infinite figure (a foot that stands on nothing) is None as well and among the broken.
+        """
+        figures = self.validation
+        whole = {
+            "mjmotion": mjmotion.__version__,
+            "title": self.title,
+            "nframe": figures.nframe,
+            "fps": figures.fps,
+            "levels": list(self.levels),
+            "fit_seconds": self.fit_seconds,
+            "exact_error_percent": self.exact_error_percent,
+            "metrics": figures.metrics,
+            "thresholds": {name: figures.bounds(name) for name in figures.thresholds},
+            "broken": self.broken,
+            "worst": {name: dataclasses.asdict(worst) for name, worst in figures.worst.items()},
+            "unmet": list(self.unmet),
+            "per_contact": figures.per_contact,
+            "per_swing": figures.per_swing,
+            "joint_jerk_rms": {
+                name: {"adapted": adapted, "source": source}
+                for name, (adapted, source) in figures.per_joint.items()
+            },
+        }
+        return dict(as_numbers(whole))
+
+
+def table(validation: Validation) -> str:
+    """Return the figures as lines of aligned columns: figure, value, bound, verdict, worst."""
+    verdict = {True: "ok", False: "BROKEN", None: ""}
+    cells = [("figure", "value", "", "bound", "", "worst")]
+    for row in validation.summary():
+        cells.append(
+            (
+                row.label,
+                number(row.value),
+                row.unit,
+                row.threshold,
+                verdict[row.ok],
+                row.where,
+            )
+        )
+    width = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
+    lines = []
+    for line in cells:
+        label, value, unit, bound, ok, where = (
+            text.rjust(width[i]) if i == 1 else text.ljust(width[i]) for i, text in enumerate(line)
+        )
+        lines.append(f"{label}  {value} {unit}  {bound}  {ok}  {where}".rstrip())
+    return "\n".join(lines)
+
+
+def number(value: float) -> str:
+    """Return a figure as people read it: three decimals at most, ``–`` for none."""
+    if math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    if value != 0 and abs(value) < 1e-3:
+        return "0.000" if abs(value) < 1e-9 else f"{value:.1e}"
+    return f"{value:.3f}" if abs(value) < 100 else f"{value:.1f}"

@@ -1,0 +1,27 @@
+"""Walking on rough terrain (Figures 5a and 5b): 464 frames, both feet posed at every frame.
+
+5,568 scalar constraints, 20 degrees of freedom, 8 of them left to optimise.
+"""
+
+from __future__ import annotations
+
+from mjmotion.clips import load_clip
+from mjmotion.footsteps.plan import plan
+from mjmotion.paper.job import Job
+from mjmotion.scene import load_scene
+
+
+def make_job(clip: str = "walk", scene: str = "terrain") -> Job:
+    """Return the job of a clip on a scene.
+
+    Raises:
+      ClipError, SceneError: there is no such clip or scene, or no ground under the walk.
+    """
+    what = plan(load_clip(clip), load_scene(scene))
+    return Job(
+        "walking on rough terrain",
+        what.source,
+        tuple(what.constraints()),
+        first_guess=what.root_shift,
+        contacts=what.contacts,
+    )
