@@ -1,7 +1,6 @@
 """Adapting a walk to a scene: contacts, footholds, clearances, fit.
 
-    scene = load_scene("terrain_doors")
-    result = adapt(load_clip("walk"), scene)
+    result = adapt("walk", "terrain_doors")
     result.motion, result.source, result.contacts, result.trace
 
 The scene tells everything: footholds come from the ground under each stance foot, clearances from
@@ -12,17 +11,16 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.feet import find_feet
+from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics, site_id, site_positions
-from mjmotion.body.limbs import find_limbs, limbs_of
 from mjmotion.body.motion import Motion
+from mjmotion.clips import load_clip
 from mjmotion.constraints import (
     Constraint,
     LookAt,
@@ -31,179 +29,185 @@ from mjmotion.constraints import (
     lay_out,
 )
 from mjmotion.constraints.shared_targets import with_moves
+from mjmotion.constraints.unmet import find_unmet
 from mjmotion.exceptions import SceneError, frame_list
-from mjmotion.fitting import (
-    FINEST,
-    Fit,
-    default_levels,
-    find_unmet,
-    fit,
-    over_all_frames,
-    residuals,
-)
-from mjmotion.footsteps.ankles import give
+from mjmotion.fitting import FINEST, TOLERANCE, Fit, default_levels, fit, run_level, whole
+from mjmotion.footsteps.ankles import relax_ankles
 from mjmotion.footsteps.contacts import Contact
-from mjmotion.footsteps.obstacles import MARGIN, ObstacleClearance
-from mjmotion.footsteps.plan import Plan, freed, place, plan, root_shift, shifted
-from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.solver import default_weights
+from mjmotion.footsteps.obstacles import ObstacleClearance
+from mjmotion.footsteps.plan import Plan, make_plan, shifted, with_free_footholds
+from mjmotion.ik import IKSolver, NumericIK, Solution, make_solver
+from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.bspline import fit_level
-from mjmotion.numerics.tangent import oplus
+from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.output.result import Result
-from mjmotion.scene import Scene, compose, load_character
+from mjmotion.scene import Scene, SceneLike, compose, without_scene
 
 Array = NDArray[np.float64]
 
 DUCK_MARGIN = 0.05  # distance kept while the way through is found, more than in the end [m]
 ROOT_STIFFNESS = 15.0  # how much stiffer the root is than elsewhere: its path is planned
 LEAN = 0.25  # how far beyond a limb's reach the body may lean for a target [m]
-GIVE_ROUNDS = 2  # times that the fitted motion is asked whether its ankles can follow
+RELAX_ROUNDS = 2  # times that the fitted motion is asked whether its ankles can follow
 DUCK_ROUNDS = 6  # at most, with the finest of the knots that serve to find the way
 STUCK = 0.02  # deeper than this in an obstacle after all, and the way is barred [m]
 
 
-def adapt(
-    clip: Motion,
-    scene: Scene,
+@dataclasses.dataclass(frozen=True)
+class FitSettings:
+    """How a plan is fitted: what every application takes, and hands on.
+
+    Attributes:
+      levels: frames a knot of each level, coarse to fine; by the motion's rate without.
+      tolerance: refinement stops once no constraint is off by more [m].
+      ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
+      progress: called with stage, done, of.
+    """
+
+    levels: Sequence[float] | None = None
+    tolerance: float = TOLERANCE
+    ik: str | IKSolver = "hybrid"
+    progress: Progress = no_progress
+
+
+def adapt(  # more than eight parameters: all but the first two have a default
+    clip: Motion | str | Path,
+    scene: SceneLike,
     *,
-    character: str | Path = "humanoid",
     contacts: Sequence[Contact] | None = None,
     constraints: Sequence[Constraint] = (),
     free_footholds: bool = False,
     levels: Sequence[float] | None = None,
-    tolerance: float = 1e-4,
-    ik: str = "hybrid",
-    progress: Callable[[str], None] | None = None,
+    tolerance: float = TOLERANCE,
+    ik: str | IKSolver = "hybrid",
+    progress: Progress = no_progress,
 ) -> Result:
-    """Adapt a walk to a scene.
+    """Adapt a walk to a scene; it stays on the character that it is on.
 
     Args:
-      clip: the walk, on the character's model, on level ground at z = 0.
-      scene: where it is to walk.
-      character: the character's MJCF, or the name of one of ours.
+      clip: the walk, on level ground at z = 0; or a file or built-in name, put on the humanoid.
+      scene: where it is to walk; or the name of one of ours, or an MJCF file.
       contacts: who stands when; found in the clip without.
       constraints: more that must hold; where they name a foot, they override its foothold.
       free_footholds: let footholds move as a whole to where the walk changes least (§7).
-      levels: frames a knot, coarse to fine.
+      levels: frames a knot of each level, coarse to fine.
       tolerance: refinement stops once no constraint is off by more [m].
-      ik: ``"hybrid"`` or ``"numeric"``.
-      progress: called with the name of each stage as it begins.
+      ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
+      progress: called with stage, done, of.
 
     Raises:
       SceneError: no ground under the walk, or a doorway that cannot be passed.
-      ContactError, ConstraintError, ModelError, FitError: bad input.
+      ClipError, ContactError, ConstraintError, ModelError, FitError: bad input.
     """
-    say = progress or (lambda stage: None)
-    spec = compose(character, scene)
-    say("contacts and footholds")
-    what = plan(clip, scene, contacts)
+    motion, scene = as_clip(clip), Scene.of(scene)
+    composed = compose(motion.character, scene)
+    progress("contacts and footholds", 0, 0)
+    plan = make_plan(motion, scene, contacts)
     if free_footholds:
-        what = freed(what, scene, ik)
-    return carry_out(
-        *(what, spec, character),
-        constraints=constraints,
-        levels=levels,
-        tolerance=tolerance,
-        ik=ik,
-        progress=progress,
-    )
+        plan = with_free_footholds(plan, scene, ik)
+    settings = FitSettings(levels, tolerance, ik, progress)
+    return fit_plan(plan, composed, constraints, settings)
 
 
-def carry_out(
-    what: Plan,
-    spec: mujoco.MjSpec,
-    character: str | Path | mujoco.MjSpec,
-    *,
+def as_clip(clip: Motion | str | Path) -> Motion:
+    """Return a clip on its character alone, from a motion, a file or a built-in name.
+
+    Raises:
+      ClipError: no such file or name, or a skeleton that cannot be mapped.
+    """
+    motion = clip if isinstance(clip, Motion) else load_clip(clip)
+    return motion if motion.character.alone else motion.on(without_scene(motion.character))
+
+
+def fit_plan(
+    plan: Plan,
+    composed: Character,
     constraints: Sequence[Constraint] = (),
-    weights: Array | None = None,
-    levels: Sequence[float] | None = None,
-    tolerance: float = 1e-4,
-    ik: str = "hybrid",
-    progress: Callable[[str], None] | None = None,
+    settings: FitSettings | None = None,
+    rigidity: Array | None = None,
 ) -> Result:
-    """Fit a motion to a plan: past obstacles first, with ankles that give at the end.
+    """Fit a motion to a plan: past obstacles first, with ankles that are relaxed at the end.
 
     Args:
-      what: what is asked.
-      spec: character and scene in one.
-      character: the character alone: the plan's source is on its model.
+      plan: what is asked; its source is on the character alone.
+      composed: character and scene in one.
       constraints: more that must hold.
-      weights: (nv,) rigidities; those of :func:`stiff_root` without.
-      levels: frames a knot, coarse to fine.
-      tolerance: refinement stops once no constraint is off by more [m].
-      ik: ``"hybrid"`` or ``"numeric"``.
-      progress: called with the name of each stage as it begins.
+      settings: how.
+      rigidity: (nv,) α of Eq. 4; that of :func:`stiff_root` without.
 
     Raises:
       SceneError: a doorway that cannot be passed.
       ConstraintError, ModelError, FitError: bad input.
     """
-    say = progress or (lambda stage: None)
-    composed, model, nframe = spec.compile(), what.source.model, what.source.nframe
-    weights = stiff_root(model) if weights is None else weights
-    posed = {path.site for path in what.paths}
-    feet = [foot for foot in find_feet(model) if foot.site in posed] if posed else []
-    guess = shifted(what.source, what.root_shift)
+    settings = FitSettings() if settings is None else settings
+    character, nframe = plan.source.character, plan.source.nframe
+    rigidity = stiff_root(character) if rigidity is None else rigidity
+    solver = make_solver(character, settings.ik, rigidity)
+    guess = shifted(plan.source, plan.root_shift)
     asked = _moved_near(constraints, guess)
-    own = _within_reach(asked, guess)
-    wanted = [*what.constraints(), *own]
+    near = _within_reach(asked, guess)
     began = time.perf_counter()
-    start: Motion = what.source
-    shift: Array | bool = what.root_shift
-    clearance = None
-    if what.obstacles:
-        say("clearances")
-        body = load_character(character, known=True)
-        clearance = ObstacleClearance(body, what.obstacles, find_feet(model), nframe)
-        start, shift = _duck(what, wanted, clearance, levels), False
-    say("fit")
+    start, shift, clearance = plan.source, plan.root_shift, None
+    if plan.obstacles:
+        settings.progress("clearances", 0, 0)
+        clearance = ObstacleClearance(character, plan.obstacles, nframe)
+        start = _duck(plan, [*plan.constraints(), *near], clearance, settings.levels)
+    settings.progress("fit", 0, 0)
     ducked = time.perf_counter() - began
     result = fit(
         start,
-        wanted,
-        levels=levels,
-        tolerance=tolerance,
-        ik=ik,
-        weights=weights,
+        [*plan.constraints(), *near],
+        levels=settings.levels,
+        tolerance=settings.tolerance,
+        ik=solver,
         clearance=clearance,
-        first_guess=shift,
+        first_guess=shift if clearance is None else False,
+        progress=settings.progress,
     )
-    contacts_left = what.contacts
-    for _ in range(GIVE_ROUNDS):
-        # Only the fitted motion shows for certain what the ankles are asked for.
-        paths, contacts_left = give(result.motion, feet, what.paths, contacts_left)
-        if paths == what.paths:
-            break
-        what = dataclasses.replace(what, paths=paths, contacts=contacts_left)
-        again = fit(
-            result.motion,
-            [*what.constraints(), *own],
-            levels=[FINEST],
-            ik=ik,
-            weights=weights,
-            clearance=clearance,
-            first_guess=False,
-        )
-        result = dataclasses.replace(
-            again,
-            trace=dataclasses.replace(
-                result.trace,
-                fit_seconds=result.trace.fit_seconds + again.trace.fit_seconds,
-                exact_error_percent=again.trace.exact_error_percent,
-            ),
-        )
+    plan, result = _with_relaxed_ankles(plan, result, near, solver, clearance)
     if clearance is not None:
         _check_passage(clearance, result)
     # Against what was asked for, not what was brought within reach; free targets where they went.
-    targets = lay_out([*what.constraints(), *with_moves(asked, result.moves)], model, nframe)
+    wanted = [*plan.constraints(), *with_moves(asked, result.moves)]
+    targets = lay_out(wanted, character.model, nframe)
     return Result(
-        what.source.on(composed),
+        plan.source.on(composed),
         result.motion.on(composed),
-        what.contacts,
+        plan.contacts,
         dataclasses.replace(result.trace, fit_seconds=ducked + result.trace.fit_seconds),
-        find_unmet(result.motion, targets, residuals(result.motion, targets)),
-        spec,
+        find_unmet(result.motion, targets, wanted),
     )
+
+
+def _with_relaxed_ankles(
+    plan: Plan,
+    result: Fit,
+    near: Sequence[Constraint],
+    solver: IKSolver,
+    clearance: ObstacleClearance | None,
+) -> tuple[Plan, Fit]:
+    """Relax the ankles of a fitted motion, and fit it again where that asks anything of it.
+
+    Only the fitted motion shows for certain what the ankles are asked for.
+    """
+    posed = {path.site for path in plan.paths}
+    feet = [foot for foot in plan.source.character.feet if foot.site in posed] if posed else []
+    for _ in range(RELAX_ROUNDS):
+        paths, contacts = relax_ankles(result.motion, feet, plan.paths, plan.contacts)
+        if paths == plan.paths:
+            break
+        plan = dataclasses.replace(plan, paths=paths, contacts=contacts)
+        again = fit(
+            result.motion,
+            [*plan.constraints(), *near],
+            levels=[FINEST],
+            ik=solver,
+            clearance=clearance,
+            first_guess=False,
+        )
+        trace = whole((result.trace, again.trace))
+        result = dataclasses.replace(again, trace=trace)
+    return plan, result
 
 
 def _moved_near(constraints: Sequence[Constraint], motion: Motion) -> list[Constraint]:
@@ -227,8 +231,8 @@ def _within_reach(constraints: Sequence[Constraint], motion: Motion) -> list[Con
 
     A target further away would drag the whole body after it, off its footholds.
     """
-    model = motion.model
-    ends = {limb.end: limb for limb in find_limbs(model)}
+    character, model = motion.character, motion.model
+    ends = character.limb_by_end
     pose = Kinematics(model, motion.nframe).forward(motion.qpos)
     near: list[Constraint] = []
     for one in constraints:
@@ -240,14 +244,14 @@ def _within_reach(constraints: Sequence[Constraint], motion: Motion) -> list[Con
             continue
         base = pose.xanchor[one.frames, model.body_jntadr[limb.upper]]
         hand = float(np.linalg.norm(model.site_pos[site]))
-        most = float(limbs_of(model, (limb,)).reach[0]) + hand + LEAN
+        most = float(character.chains((limb,)).reach[0]) + hand + LEAN
         origin, turn = np.zeros(3), np.eye(3)
         if isinstance(one, RelativeConstraint):
             to = site_id(model, one.to)
             origin, turn = pose.site_xpos[one.frames, to], pose.site_xmat[one.frames, to]
             other = ends.get(int(model.site_bodyid[to]))
             if other is not None:  # which may come to meet it
-                most += 2.0 * float(limbs_of(model, (other,)).reach[0])
+                most += 2.0 * float(character.chains((other,)).reach[0])
         away = origin + (turn @ one.position[..., None])[..., 0] - base
         length = np.linalg.norm(away, axis=1, keepdims=True)
         wanted = base + away * np.minimum(1.0, most / np.maximum(length, 1e-9)) - origin
@@ -256,16 +260,16 @@ def _within_reach(constraints: Sequence[Constraint], motion: Motion) -> list[Con
     return near
 
 
-def stiff_root(model: mujoco.MjModel) -> Array:
+def stiff_root(character: Character) -> Array:
     """Return rigidities (nv,) for a fit whose root has its path already: the legs do the rest."""
-    weights = default_weights(model)
-    weights[:6] *= ROOT_STIFFNESS
-    return weights
+    rigidity = default_rigidity(character.model)
+    rigidity[:6] *= ROOT_STIFFNESS
+    return rigidity
 
 
 def _duck(
-    what: Plan,
-    wanted: Sequence[Constraint],
+    plan: Plan,
+    constraints: Sequence[Constraint],
     clearance: ObstacleClearance,
     levels: Sequence[float] | None,
 ) -> Motion:
@@ -274,22 +278,25 @@ def _duck(
     Only frames that come too near an obstacle take part, so the displacement spreads smoothly to
     the frames around them, which full constraints at every frame would forbid.
     """
-    source, qpos = what.source, shifted(what.source, what.root_shift).qpos
-    spacings = list(default_levels(source.fps) if levels is None else levels)
-    coarse = spacings[: max(1, len(spacings) - 2)]
+    source, qpos = plan.source, shifted(plan.source, plan.root_shift).qpos
+    levels = list(default_levels(source.fps) if levels is None else levels)
+    coarse = levels[: max(1, len(levels) - 2)]
     frames = np.arange(source.nframe)
-    targets = over_all_frames(lay_out(wanted, source.model, source.nframe), source.nframe)
-    solver = NumericIK(source.model, iterations=1)  # the rounds are its iterations
-    clearance.margin = DUCK_MARGIN
-    for spacing in coarse + DUCK_ROUNDS * coarse[-1:]:
-        broken = np.unique(clearance(qpos, frames).frame)
-        if len(broken) == 0:
+    targets = lay_out(constraints, source.model, source.nframe).over_all_frames(source.nframe)
+    solver = NumericIK(source.character, iterations=1)  # the rounds are its iterations
+    wider = clearance.at_margin(DUCK_MARGIN)
+    for frames_per_knot in coarse + DUCK_ROUNDS * coarse[-1:]:
+        near = np.unique(wider(qpos, frames).frame)
+        if len(near) == 0:
             break
-        wish = solver.solve(qpos[broken], targets.at(broken), clearance)
-        qpos = oplus(
-            source.model, qpos, fit_level(broken, wish.displacement, source.nframe, spacing)
-        )
-    clearance.margin = MARGIN
+
+        def spline(
+            solution: Solution, at: NDArray[np.int64] = near, knots: float = frames_per_knot
+        ) -> Array:
+            return fit_level(at, solution.displacement, source.nframe, knots)
+
+        problem = solver.prepare(targets.at(near), wider)
+        qpos = run_level(source.character, qpos, near, problem.solve, spline).qpos
     return source.replace(qpos)
 
 
@@ -303,6 +310,3 @@ def _check_passage(clearance: ObstacleClearance, result: Fit) -> None:
             " too narrow, or stands off the walk's path; widen or move it",
             frames.tolist(),
         )
-
-
-__all__ = ["Plan", "adapt", "carry_out", "place", "plan", "root_shift", "stiff_root"]

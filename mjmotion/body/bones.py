@@ -10,7 +10,6 @@ are joined, the bones how long they are. Morphing (Figure 5d) is a fit whose bon
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -48,8 +47,8 @@ class Bones:
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> Bones:
-        """Return the bones of a model, the same ones for the same model."""
-        return _of(model)
+        """Return the bones of a model."""
+        return cls(model.body_pos, model.jnt_pos, model.site_pos)
 
     @property
     def nframe(self) -> int | None:
@@ -71,8 +70,3 @@ class Bones:
                 f"bones are of {counts} bodies, joints and sites over {self.nframe} frames, wanted"
                 f" {wanted} over {nframe}: make them for this model and motion"
             )
-
-
-@lru_cache(maxsize=16)
-def _of(model: mujoco.MjModel) -> Bones:
-    return Bones(model.body_pos, model.jnt_pos, model.site_pos)

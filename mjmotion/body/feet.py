@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -40,7 +39,6 @@ class Foot:
     shape: Array
 
 
-@lru_cache(maxsize=8)
 def find_feet(model: mujoco.MjModel) -> tuple[Foot, ...]:
     """Return the feet: bodies with sites ``<side>_heel``, ``<side>_toe`` and ``<side>_foot``.
 

@@ -10,20 +10,19 @@ A model says it with a tuple whose name begins with ``couple_``, in MJCF:
 
 The joints are all balls or all hinges. Ball i turns by ``exp(prm_i · w)`` with one ``w`` (3,) [rad]
 for all; hinge i by ``prm_i · w``. IK then has the leader's degrees of freedom alone: to first order
-a displacement of joint i is ``prm_i / prm_leader`` times the leader's (:class:`Coupling.gather`,
-:class:`Coupling.spread`), and :func:`couple` puts what is left of second order right.
+a displacement of joint i is ``prm_i / prm_leader`` times the leader's (:meth:`Coupling.gather`,
+:meth:`Coupling.spread`), and :meth:`Coupling.couple` puts what is left of second order right.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjmotion.body.joint_limits import limit_excess, limit_names
+from mjmotion.body.joint_limits import JointLimits
 from mjmotion.exceptions import ModelError
 from mjmotion.numerics.rotations import exp, log
 
@@ -45,7 +44,6 @@ class CoupledJoints:
     shares: tuple[float, ...]
 
 
-@lru_cache(maxsize=16)
 def coupled_joints(model: mujoco.MjModel) -> tuple[CoupledJoints, ...]:
     """Return the coupled joints of a model.
 
@@ -83,19 +81,37 @@ def coupled_joints(model: mujoco.MjModel) -> tuple[CoupledJoints, ...]:
     return tuple(found)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class Coupling:
-    """Which degrees of freedom follow which.
+    """Which joints of a model share degrees of freedom, and which follow which.
+
+    Args:
+      model: the model.
+      limits: of its joints.
 
     Attributes:
+      groups: the coupled joints.
       leader: (m,) leading degrees of freedom.
       follower: (m,) a degree of freedom that follows it; a leader may have several.
       ratio: (m,) follower's displacement over leader's.
+
+    Raises:
+      ModelError: see :func:`coupled_joints`.
     """
 
-    leader: NDArray[np.int64]
-    follower: NDArray[np.int64]
-    ratio: Array
+    def __init__(self, model: mujoco.MjModel, limits: JointLimits) -> None:
+        self.model = model
+        self.groups = coupled_joints(model)
+        self._limits = limits
+        leader, follower, ratio = [], [], []
+        for group in self.groups:
+            width = 3 if _is_ball(model, group) else 1
+            for joint, share in zip(group.joints[1:], group.shares[1:], strict=True):
+                leader += list(model.jnt_dofadr[group.joints[0]] + np.arange(width))
+                follower += list(model.jnt_dofadr[joint] + np.arange(width))
+                ratio += width * [share / group.shares[0]]
+        self.leader: NDArray[np.int64] = np.array(leader, np.int64)
+        self.follower: NDArray[np.int64] = np.array(follower, np.int64)
+        self.ratio: Array = np.array(ratio, np.float64)
 
     def __bool__(self) -> bool:
         return len(self.leader) > 0
@@ -114,62 +130,68 @@ class Coupling:
         spread[..., self.follower] = self.ratio * displacement[..., self.leader]
         return spread
 
-    def weights(self, weights: Array) -> Array:
+    def rigidity(self, rigidity: Array) -> Array:
         """Return rigidities (nv,) whose leaders bear their followers' too (Eq. 4)."""
-        borne = np.array(weights)
-        np.add.at(borne, self.leader, self.ratio**2 * weights[self.follower])
+        borne = np.array(rigidity)
+        np.add.at(borne, self.leader, self.ratio**2 * rigidity[self.follower])
         return borne
 
+    def shared_turn(self, group: CoupledJoints, qpos: Array) -> Array:
+        """Return the turn w (n, 3) or (n, 1) [rad] that fits a group's joints best."""
+        shares = np.array(group.shares)
+        address = [int(self.model.jnt_qposadr[joint]) for joint in group.joints]
+        if _is_ball(self.model, group):
+            turns = np.stack([log(qpos[:, start : start + 4]) for start in address], axis=1)
+        else:
+            turns = qpos[:, address][..., None]
+        return np.asarray(np.einsum("s,nsk->nk", shares, turns) / np.sum(shares**2))
 
-@lru_cache(maxsize=16)
-def coupling(model: mujoco.MjModel) -> Coupling:
-    """Return what follows what in a model; see :func:`coupled_joints` for what it raises."""
-    leader, follower, ratio = [], [], []
-    for group in coupled_joints(model):
-        width = 3 if model.jnt_type[group.joints[0]] == mujoco.mjtJoint.mjJNT_BALL else 1
-        for joint, share in zip(group.joints[1:], group.shares[1:], strict=True):
-            leader += list(model.jnt_dofadr[group.joints[0]] + np.arange(width))
-            follower += list(model.jnt_dofadr[joint] + np.arange(width))
-            ratio += width * [share / group.shares[0]]
-    return Coupling(
-        np.array(leader, np.int64), np.array(follower, np.int64), np.array(ratio, np.float64)
-    )
+    def couple(self, qpos: ArrayLike) -> Array:
+        """Return poses (n, nq) whose coupled joints have their shares of one turn, within limits.
+
+        Where a joint of a group would leave its range, the turn of the whole group is another, or,
+        of balls, less.
+        """
+        result = np.array(qpos, dtype=np.float64)
+        for group in self.groups:
+            turn = self.shared_turn(group, result)
+            if not _is_ball(self.model, group):
+                turn = np.clip(turn, *_hinge_range(self.model, group))
+            result = self._put(group, result, turn)
+            over = np.flatnonzero(self._excess(group, result) > _SLACK)
+            if len(over) == 0:
+                continue
+            low, high = np.zeros(len(over)), np.ones(len(over))
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (low + high)
+                tried = self._put(group, result[over], turn[over] * middle[:, None])
+                inside = self._excess(group, tried) <= _SLACK
+                low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+            result[over] = self._put(group, result[over], turn[over] * low[:, None])
+        return result
+
+    def _put(self, group: CoupledJoints, qpos: Array, turn: Array) -> Array:
+        placed = np.array(qpos)
+        for joint, share in zip(group.joints, group.shares, strict=True):
+            start = int(self.model.jnt_qposadr[joint])
+            if _is_ball(self.model, group):
+                quat = exp(share * turn)
+                flip = (quat * qpos[:, start : start + 4]).sum(axis=1, keepdims=True) < 0.0
+                placed[:, start : start + 4] = np.where(flip, -quat, quat)
+            else:
+                placed[:, start] = share * turn[:, 0]
+        return placed
+
+    def _excess(self, group: CoupledJoints, qpos: Array) -> Array:
+        """Return how far (n,) the worst joint of a group is out of its range [rad]."""
+        names = {self.model.joint(joint).name for joint in group.joints}
+        names |= {f"{name}.{part}" for name in names for part in ("swing_x", "swing_y", "twist")}
+        columns = [i for i, name in enumerate(self._limits.names) if name in names]
+        return np.asarray(self._limits.excess(qpos)[:, columns].max(axis=1, initial=0.0))
 
 
-def shared_turn(model: mujoco.MjModel, group: CoupledJoints, qpos: Array) -> Array:
-    """Return the turn w (n, 3) or (n, 1) [rad] that fits a group's joints best (least squares)."""
-    shares = np.array(group.shares)
-    address = [int(model.jnt_qposadr[joint]) for joint in group.joints]
-    if model.jnt_type[group.joints[0]] == mujoco.mjtJoint.mjJNT_BALL:
-        turns = np.stack([log(qpos[:, start : start + 4]) for start in address], axis=1)
-    else:
-        turns = qpos[:, address][..., None]
-    return np.asarray(np.einsum("s,nsk->nk", shares, turns) / np.sum(shares**2))
-
-
-def couple(model: mujoco.MjModel, qpos: ArrayLike) -> Array:
-    """Return poses (n, nq) whose coupled joints have their shares of one turn, within limits.
-
-    Where a joint of a group would leave its range, the turn of the whole group is another, or, of
-    balls, less.
-    """
-    result = np.array(qpos, dtype=np.float64)
-    for group in coupled_joints(model):
-        turn = shared_turn(model, group, result)
-        if model.jnt_type[group.joints[0]] == _HINGE:
-            turn = np.clip(turn, *_hinge_range(model, group))
-        result = _put(model, group, result, turn)
-        over = np.flatnonzero(_excess(model, group, result) > _SLACK)
-        if len(over) == 0:
-            continue
-        low, high = np.zeros(len(over)), np.ones(len(over))
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            tried = _put(model, group, result[over], turn[over] * middle[:, None])
-            inside = _excess(model, group, tried) <= _SLACK
-            low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-        result[over] = _put(model, group, result[over], turn[over] * low[:, None])
-    return result
+def _is_ball(model: mujoco.MjModel, group: CoupledJoints) -> bool:
+    return bool(model.jnt_type[group.joints[0]] == mujoco.mjtJoint.mjJNT_BALL)
 
 
 def _hinge_range(model: mujoco.MjModel, group: CoupledJoints) -> tuple[float, float]:
@@ -180,26 +202,3 @@ def _hinge_range(model: mujoco.MjModel, group: CoupledJoints) -> tuple[float, fl
             low = max(low, model.jnt_range[joint, 0] / share)
             high = min(high, model.jnt_range[joint, 1] / share)
     return low, high
-
-
-def _put(model: mujoco.MjModel, group: CoupledJoints, qpos: Array, turn: Array) -> Array:
-    placed = np.array(qpos)
-    ball = model.jnt_type[group.joints[0]] == mujoco.mjtJoint.mjJNT_BALL
-    for joint, share in zip(group.joints, group.shares, strict=True):
-        start = int(model.jnt_qposadr[joint])
-        if ball:
-            quat = exp(share * turn)
-            flip = (quat * qpos[:, start : start + 4]).sum(axis=1, keepdims=True) < 0.0
-            placed[:, start : start + 4] = np.where(flip, -quat, quat)
-        else:
-            placed[:, start] = share * turn[:, 0]
-    return placed
-
-
-def _excess(model: mujoco.MjModel, group: CoupledJoints, qpos: Array) -> Array:
-    """Return how far (n,) the worst joint of a group is out of its range [rad]."""
-    names = {model.joint(joint).name for joint in group.joints}
-    names |= {f"{name}.{part}" for name in names for part in ("swing_x", "swing_y", "twist")}
-    columns = [i for i, name in enumerate(limit_names(model)) if name in names]
-    excess = limit_excess(model, qpos)[:, columns]
-    return np.asarray(excess.max(axis=1, initial=0.0))

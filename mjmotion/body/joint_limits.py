@@ -9,8 +9,6 @@ box of limits for the three numbers ``(swing_x, swing_y, twist_z)`` with a custo
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,32 +18,8 @@ from mjmotion.exceptions import ModelError
 _BALL = int(mujoco.mjtJoint.mjJNT_BALL)
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 
-
-@lru_cache(maxsize=16)
-def ball_limits(model: mujoco.MjModel) -> dict[int, NDArray[np.float64]]:
-    """Return the swing and twist box of every ball that has one.
-
-    Returns:
-      Joint id to (3, 2) array: lower and upper limit [rad] of swing_x, swing_y and twist_z.
-
-    Raises:
-      ModelError: a numeric ``limit_<joint>`` names no ball, or is not six ordered numbers.
-    """
-    boxes: dict[int, NDArray[np.float64]] = {}
-    for index in range(model.nnumeric):
-        name = model.numeric(index).name
-        if not name.startswith("limit_"):
-            continue
-        joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name.removeprefix("limit_"))
-        if joint < 0 or model.jnt_type[joint] != _BALL:
-            raise ModelError(f"numeric '{name}' names no ball joint: name it limit_<ball joint>")
-        data = np.array(model.numeric(index).data, dtype=np.float64)
-        if data.shape != (6,) or (data[::2] > data[1::2]).any():
-            raise ModelError(
-                f"numeric '{name}' must be xmin xmax ymin ymax zmin zmax [rad], each min <= max"
-            )
-        boxes[joint] = data.reshape(3, 2)
-    return boxes
+LIMIT_PREFIX = "limit_"
+"""Of the names of custom numerics that say the box of limits of a ball joint."""
 
 
 def swing_twist(quat: ArrayLike) -> NDArray[np.float64]:
@@ -87,93 +61,121 @@ def from_swing_twist(angles: ArrayLike) -> NDArray[np.float64]:
     return np.stack([cos * ct, sx * ct + sy * st, sy * ct - sx * st, cos * st], axis=-1)
 
 
-def limit_names(model: mujoco.MjModel) -> list[str]:
-    """Return a name for each column of :func:`limit_excess`: the joint, and which of its angles."""
-    names = []
-    for joint, kind in _limited(model):
-        name = model.joint(joint).name
-        names += [f"{name}.{part}" for part in ("swing_x", "swing_y", "twist")] if kind else [name]
-    return names
-
-
-def limit_excess(model: mujoco.MjModel, qpos: ArrayLike) -> NDArray[np.float64]:
-    """Return how far every limit is broken, 0 inside.
+class JointLimits:
+    """The limits of a model's joints, found once.
 
     Args:
       model: the model; limits as in the module's description.
-      qpos: (nframe, nq), quaternions normalised.
 
-    Returns:
-      (nframe, nlimit) [rad], or [m] for slides; the columns are named by :func:`limit_names`:
-      one per limited hinge, slide or ball with a plain range, three per ball with a box.
+    Attributes:
+      boxes: ball joint id to (3, 2) array: lower and upper limit [rad] of swing_x, swing_y and
+        twist_z, for the balls that have one.
+      names: a name for each column of :meth:`excess`: the joint, and which of its angles.
+
+    Raises:
+      ModelError: a numeric ``limit_<joint>`` names no ball, or is not six ordered numbers.
     """
-    qpos = np.atleast_2d(np.asarray(qpos, dtype=np.float64))
-    boxes = ball_limits(model)
-    columns = [np.zeros((len(qpos), 0))]
-    for joint, has_box in _limited(model):
-        at = model.jnt_qposadr[joint]
-        if has_box:
-            angles = swing_twist(qpos[:, at : at + 4])
-            low, high = boxes[joint].T
-        elif model.jnt_type[joint] == _BALL:
-            angles = _ball_angle(qpos[:, at : at + 4])[:, None]
-            low, high = np.zeros(1), model.jnt_range[joint, 1:]
-        else:
-            angles = qpos[:, at : at + 1]
-            low, high = model.jnt_range[joint, :1], model.jnt_range[joint, 1:]
-        columns.append(np.maximum(np.maximum(low - angles, angles - high), 0.0))
-    return np.concatenate(columns, axis=1)
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        self.boxes = _ball_boxes(model)
+        self._limited = [
+            joint
+            for joint in range(model.njnt)
+            if model.jnt_type[joint] != _FREE and (joint in self.boxes or model.jnt_limited[joint])
+        ]
+        self._straight = [joint for joint in self._limited if model.jnt_type[joint] != _BALL]
+        self._plain_balls = [
+            joint
+            for joint in self._limited
+            if joint not in self.boxes and model.jnt_type[joint] == _BALL
+        ]
+        self.names: list[str] = []
+        for joint in self._limited:
+            name = model.joint(joint).name
+            parts = ("swing_x", "swing_y", "twist")
+            self.names += [f"{name}.{part}" for part in parts] if joint in self.boxes else [name]
+
+    def excess(self, qpos: ArrayLike) -> NDArray[np.float64]:
+        """Return how far every limit is broken, 0 inside.
+
+        Args:
+          qpos: (nframe, nq), quaternions normalised.
+
+        Returns:
+          (nframe, nlimit) [rad], or [m] for slides; the columns are named by :attr:`names`:
+          one per limited hinge, slide or ball with a plain range, three per ball with a box.
+        """
+        model = self.model
+        qpos = np.atleast_2d(np.asarray(qpos, dtype=np.float64))
+        columns = [np.zeros((len(qpos), 0))]
+        for joint in self._limited:
+            at = model.jnt_qposadr[joint]
+            if joint in self.boxes:
+                angles = swing_twist(qpos[:, at : at + 4])
+                low, high = self.boxes[joint].T
+            elif model.jnt_type[joint] == _BALL:
+                angles = _ball_angle(qpos[:, at : at + 4])[:, None]
+                low, high = np.zeros(1), model.jnt_range[joint, 1:]
+            else:
+                angles = qpos[:, at : at + 1]
+                low, high = model.jnt_range[joint, :1], model.jnt_range[joint, 1:]
+            columns.append(np.maximum(np.maximum(low - angles, angles - high), 0.0))
+        return np.concatenate(columns, axis=1)
+
+    def clamp(self, qpos: ArrayLike) -> NDArray[np.float64]:
+        """Return ``qpos`` (nframe, nq) with every joint moved to the nearest point of its limits.
+
+        Frames and joints already inside are returned bit for bit as they were.
+        """
+        model = self.model
+        result = np.array(np.atleast_2d(np.asarray(qpos, dtype=np.float64)))
+        columns = model.jnt_qposadr[self._straight]
+        result[:, columns] = np.clip(result[:, columns], *model.jnt_range[self._straight].T)
+        if self.boxes:
+            # All boxes at once: frames are many and joints few, and most are inside.
+            adr = model.jnt_qposadr[list(self.boxes)][:, None] + np.arange(4)
+            bounds = np.stack(list(self.boxes.values()))
+            angles = swing_twist(result[:, adr])
+            inside = np.clip(angles, bounds[:, :, 0], bounds[:, :, 1])
+            frame, ball = np.nonzero((inside != angles).any(axis=2))
+            where = (frame[:, None], adr[ball])
+            result[where] = _same_side(from_swing_twist(inside[frame, ball]), result[where])
+        for joint in self._plain_balls:
+            quat = result[:, model.jnt_qposadr[joint] : model.jnt_qposadr[joint] + 4]
+            angle, most = _ball_angle(quat), model.jnt_range[joint, 1]
+            bad = angle > most
+            axis = quat[bad, 1:] / np.linalg.norm(quat[bad, 1:], axis=1, keepdims=True)
+            sign = np.where(quat[bad, :1] < 0, -1.0, 1.0)
+            cos, sin = np.cos(most / 2), np.sin(most / 2)
+            clamped = np.concatenate([np.full_like(sign, cos), axis * sign * sin], axis=1)
+            quat[bad] = _same_side(clamped, quat[bad])
+        return result
 
 
-def clamp_to_limits(model: mujoco.MjModel, qpos: ArrayLike) -> NDArray[np.float64]:
-    """Return ``qpos`` (nframe, nq) with every joint moved to the nearest point of its limits.
-
-    Frames and joints already inside are returned bit for bit as they were.
-    """
-    result = np.array(np.atleast_2d(np.asarray(qpos, dtype=np.float64)))
-    boxes = ball_limits(model)
-    straight = [
-        joint for joint, _ in _limited(model) if model.jnt_type[joint] not in (_BALL, _FREE)
-    ]
-    columns = model.jnt_qposadr[straight]
-    result[:, columns] = np.clip(result[:, columns], *model.jnt_range[straight].T)
-    if boxes:
-        # All boxes at once: frames are many and joints few, and most are inside.
-        adr = model.jnt_qposadr[list(boxes)][:, None] + np.arange(4)
-        bounds = np.stack(list(boxes.values()))
-        angles = swing_twist(result[:, adr])
-        inside = np.clip(angles, bounds[:, :, 0], bounds[:, :, 1])
-        frame, ball = np.nonzero((inside != angles).any(axis=2))
-        where = (frame[:, None], adr[ball])
-        result[where] = _same_side(from_swing_twist(inside[frame, ball]), result[where])
-    for joint, has_box in _limited(model):
-        if has_box or model.jnt_type[joint] != _BALL:
+def _ball_boxes(model: mujoco.MjModel) -> dict[int, NDArray[np.float64]]:
+    """Return the swing and twist box of every ball that has one; see :class:`JointLimits`."""
+    boxes: dict[int, NDArray[np.float64]] = {}
+    for index in range(model.nnumeric):
+        name = model.numeric(index).name
+        if not name.startswith(LIMIT_PREFIX):
             continue
-        quat = result[:, model.jnt_qposadr[joint] : model.jnt_qposadr[joint] + 4]
-        angle, most = _ball_angle(quat), model.jnt_range[joint, 1]
-        bad = angle > most
-        axis = quat[bad, 1:] / np.linalg.norm(quat[bad, 1:], axis=1, keepdims=True)
-        sign = np.where(quat[bad, :1] < 0, -1.0, 1.0)
-        cos, sin = np.cos(most / 2), np.sin(most / 2)
-        clamped = np.concatenate([np.full_like(sign, cos), axis * sign * sin], axis=1)
-        quat[bad] = _same_side(clamped, quat[bad])
-    return result
+        joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name.removeprefix(LIMIT_PREFIX))
+        if joint < 0 or model.jnt_type[joint] != _BALL:
+            raise ModelError(f"numeric '{name}' names no ball joint: name it limit_<ball joint>")
+        data = np.array(model.numeric(index).data, dtype=np.float64)
+        if data.shape != (6,) or (data[::2] > data[1::2]).any():
+            raise ModelError(
+                f"numeric '{name}' must be xmin xmax ymin ymax zmin zmax [rad], each min <= max"
+            )
+        boxes[joint] = data.reshape(3, 2)
+    return boxes
 
 
 def _same_side(quat: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return quaternions with the signs that bring them close to others as numbers too."""
     flip = (quat * other).sum(axis=1, keepdims=True) < 0
     return np.where(flip, -quat, quat)
-
-
-def _limited(model: mujoco.MjModel) -> list[tuple[int, bool]]:
-    """Return the joints with limits, in order, and whether each is a ball with a box."""
-    boxes = ball_limits(model)
-    return [
-        (joint, joint in boxes)
-        for joint in range(model.njnt)
-        if model.jnt_type[joint] != _FREE and (joint in boxes or model.jnt_limited[joint])
-    ]
 
 
 def _ball_angle(quat: NDArray[np.float64]) -> NDArray[np.float64]:

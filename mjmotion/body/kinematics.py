@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -21,7 +21,6 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from mjmotion.body.bones import Bones
-from mjmotion.body.geom_points import geom_points
 from mjmotion.exceptions import ModelError, unknown_name
 from mjmotion.numerics.rotations import cross, exp, multiply, rotate
 
@@ -39,28 +38,19 @@ def site_id(model: mujoco.MjModel, name: str) -> int:
     return int(index)
 
 
-@lru_cache(maxsize=8)
-def character_height(model: mujoco.MjModel) -> float:
-    """Return the height of the character at ``qpos0`` [m]: from its lowest point to its highest.
-
-    Points of the surfaces of all geoms under the free root, and their sites and bodies.
-    """
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    root = root_body(model)
-    heights = [
-        data.xpos[model.body_rootid == root, 2],
-        data.site_xpos[model.body_rootid[model.site_bodyid] == root, 2],
-    ]
-    for geom in character_geoms(model):
-        upwards = data.geom_xmat[geom].reshape(3, 3)[2]
-        heights.append(data.geom_xpos[geom, 2] + geom_points(model, int(geom)) @ upwards)
-    return float(np.ptp(np.concatenate(heights)))
-
-
 def root_body(model: mujoco.MjModel) -> int:
     """Return the body of the first joint: the free root."""
     return int(model.jnt_bodyid[0])
+
+
+def check_free_root(model: mujoco.MjModel) -> None:
+    """Raise ModelError unless the model's first joint is free and is the only free one."""
+    free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+    if len(free) != 1 or free[0] != 0:
+        raise ModelError(
+            "the model's first joint must be its only free one, the root:"
+            f" it has {len(free)} free joints"
+        )
 
 
 def character_geoms(model: mujoco.MjModel, *, colliding: bool = False) -> NDArray[np.int64]:
@@ -72,7 +62,7 @@ def character_geoms(model: mujoco.MjModel, *, colliding: bool = False) -> NDArra
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _DofKinds:
+class DofKinds:
     """Where in ``nv`` each kind of degree of freedom stands, and whose it is."""
 
     straight: NDArray[np.int64]  # the root's three along the world axes
@@ -83,8 +73,8 @@ class _DofKinds:
     turns: NDArray[np.bool_]  # (nv,) whether a degree of freedom turns
 
 
-@lru_cache(maxsize=16)
-def _dof_kinds(model: mujoco.MjModel) -> _DofKinds:
+def dof_kinds(model: mujoco.MjModel) -> DofKinds:
+    """Return where in ``nv`` a model's degrees of freedom of each kind stand."""
     kind, first = model.jnt_type, model.jnt_dofadr
     three = np.arange(3)
     free = np.flatnonzero(kind == mujoco.mjtJoint.mjJNT_FREE)
@@ -97,7 +87,7 @@ def _dof_kinds(model: mujoco.MjModel) -> _DofKinds:
     turns = np.ones(model.nv, dtype=bool)
     turns[straight] = False
     turns[first[kind == mujoco.mjtJoint.mjJNT_SLIDE]] = False
-    return _DofKinds(
+    return DofKinds(
         straight,
         (starts[:, None] + three).ravel(),
         model.jnt_bodyid[np.concatenate((free, ball))],
@@ -120,6 +110,7 @@ class Pose:
       site_xmat: (n, nsite, 3, 3) site orientations.
       xanchor: (n, njnt, 3) joint anchors [m].
       xaxis: (n, njnt, 3) joint axes.
+      kinds: where each kind of degree of freedom stands.
       geom_xpos, geom_xmat: (n, ngeom, 3) [m] and (n, ngeom, 3, 3), if asked for.
     """
 
@@ -131,13 +122,14 @@ class Pose:
     site_xmat: Array
     xanchor: Array
     xaxis: Array
+    kinds: DofKinds
     geom_xpos: Array | None = None
     geom_xmat: Array | None = None
 
     @cached_property
     def dof_axis(self) -> Array:
         """(n, nv, 3) the world axis that each degree of freedom turns about or moves along."""
-        kinds, model = _dof_kinds(self.model), self.model
+        kinds, model = self.kinds, self.model
         axis = np.zeros((len(self.xpos), model.nv, 3))
         axis[:, kinds.straight] = np.eye(3)
         frames = np.swapaxes(self.xmat[:, kinds.bodies], 2, 3)
@@ -147,7 +139,7 @@ class Pose:
 
     @property
     def _turning(self) -> NDArray[np.bool_]:
-        return _dof_kinds(self.model).turns
+        return self.kinds.turns
 
     def jacobian(self, points: Array, body: int, dofs: NDArray[np.int64]) -> tuple[Array, Array]:
         """Return the Jacobians of one world point a frame, fixed to ``body``.
@@ -291,6 +283,7 @@ class Kinematics:
     ) -> None:
         self.model = model
         self.nframe = nframe
+        self._kinds = dof_kinds(model)
         bare = copy.copy(model)
         flags = mujoco.mjtDisableBit
         bare.opt.disableflags |= int(
@@ -322,7 +315,7 @@ class Kinematics:
         for name in ("xmat", "site_xmat", "geom_xmat"):
             if name in field:
                 field[name] = field[name].reshape(*field[name].shape[:2], 3, 3)
-        return Pose(self.model, **field)
+        return Pose(self.model, kinds=self._kinds, **field)
 
 
 class RayCaster:

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -57,7 +56,6 @@ class Limb:
     end: int
 
 
-@lru_cache(maxsize=8)
 def find_limbs(model: mujoco.MjModel) -> tuple[Limb, ...]:
     """Return every ball–hinge–ball chain of single-joint bodies in the model."""
     limbs = []
@@ -99,12 +97,6 @@ class LimbState:
     ankle: Array
     ankle_turn: Array
     end: Array
-
-
-@lru_cache(maxsize=16)
-def limbs_of(model: mujoco.MjModel, limbs: tuple[Limb, ...]) -> Limbs:
-    """Return :class:`Limbs`, the same ones for the same model and limbs."""
-    return Limbs(model, limbs)
 
 
 class Limbs:

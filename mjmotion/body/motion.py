@@ -1,8 +1,8 @@
-"""A motion: ``qpos`` of every frame, at a fixed rate, on the MuJoCo model it belongs to.
+"""A motion: ``qpos`` of every frame, at a fixed rate, on the character it belongs to.
 
-    motion = Motion(model, qpos, fps=30.0)
+    motion = Motion("humanoid", qpos, fps=30.0)
     motion.save("walk.npz")
-    again = Motion.load("walk.npz", model)
+    again = Motion.load("walk.npz", "humanoid")
 
 A motion is never changed in place: its arrays are read-only and every edit returns a new one.
 """
@@ -17,17 +17,23 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mjmotion.body.character import Character, CharacterLike, joint_names, quaternion_addresses
 from mjmotion.exceptions import ClipError, ModelError, frame_list
 
 _ROUNDING = 1e-15  # by how much a normalised quaternion's length may differ from 1
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Motion:
-    """Frames of one model at a fixed rate.
+    """Frames of one character at a fixed rate.
+
+    Args:
+      character: the character, alone or in a scene, or what names one.
+      qpos: (nframe, nq) frames.
+      fps: frames a second.
 
     Attributes:
-      model: the MuJoCo model; its first joint is the free root.
+      character: its first joint is the free root.
       qpos: (nframe, nq) float64, read-only, MuJoCo order: root x y z [m], root quaternion wxyz,
         then the joints ([rad] for hinges, wxyz for balls). Quaternions are normalised.
       fps: frames a second.
@@ -37,16 +43,24 @@ class Motion:
       ClipError: wrong shape, no frames, values that are not finite, a rate that is not positive.
     """
 
-    model: mujoco.MjModel
+    character: Character
     qpos: NDArray[np.float64]
     fps: float
 
-    def __post_init__(self) -> None:
-        check_free_root(self.model)
-        qpos = np.array(self.qpos, dtype=np.float64, order="C")
-        if qpos.ndim != 2 or qpos.shape[1] != self.model.nq:
+    def __init__(self, character: CharacterLike, qpos: ArrayLike, fps: float) -> None:
+        object.__setattr__(self, "character", Character.of(character))
+        object.__setattr__(self, "qpos", self._checked(qpos))
+        if not (np.isfinite(fps) and fps > 0):
+            raise ClipError(f"fps is {fps}: it must be a positive number")
+        object.__setattr__(self, "fps", float(fps))
+
+    def _checked(self, given: ArrayLike) -> NDArray[np.float64]:
+        """Return frames as they are kept: a read-only copy, quaternions normalised."""
+        model = self.model
+        qpos = np.array(given, dtype=np.float64, order="C")
+        if qpos.ndim != 2 or qpos.shape[1] != model.nq:
             raise ClipError(
-                f"qpos has shape {qpos.shape}, the model wants (nframe, {self.model.nq}):"
+                f"qpos has shape {qpos.shape}, the model wants (nframe, {model.nq}):"
                 " use the model that the motion was made for"
             )
         if len(qpos) == 0:
@@ -54,9 +68,7 @@ class Motion:
         bad = np.flatnonzero(~np.isfinite(qpos).all(axis=1))
         if len(bad):
             raise ClipError(f"qpos is not finite at frames {frame_list(bad)}: mend the clip", bad)
-        if not (np.isfinite(self.fps) and self.fps > 0):
-            raise ClipError(f"fps is {self.fps}: it must be a positive number")
-        columns = np.array(quaternion_addresses(self.model))[:, None] + np.arange(4)
+        columns = np.array(quaternion_addresses(model))[:, None] + np.arange(4)
         quats = qpos[:, columns]
         norm = np.sqrt(np.einsum("fqi,fqi->fq", quats, quats))
         bad = np.flatnonzero((norm < 1e-6).any(axis=1))
@@ -67,8 +79,15 @@ class Motion:
         norm[np.abs(norm - 1.0) < _ROUNDING] = 1.0
         qpos[:, columns] = quats / norm[..., None]
         qpos.flags.writeable = False
-        object.__setattr__(self, "qpos", qpos)
-        object.__setattr__(self, "fps", float(self.fps))
+        return qpos
+
+    def __repr__(self) -> str:
+        return f"<Motion: {self.nframe} frames at {self.fps:g} fps on {self.character.name}>"
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The character's compiled model."""
+        return self.character.model
 
     @property
     def nframe(self) -> int:
@@ -83,22 +102,28 @@ class Motion:
     @property
     def joint_names(self) -> list[str]:
         """Names of the model's joints, in ``qpos`` order."""
-        return [self.model.joint(i).name for i in range(self.model.njnt)]
+        return joint_names(self.model)
 
     def replace(self, qpos: ArrayLike) -> Motion:
         """Return the same motion with other frames; ``qpos`` (nframe, nq)."""
-        return Motion(self.model, np.asarray(qpos, dtype=np.float64), self.fps)
+        return Motion(self.character, qpos, self.fps)
 
-    def on(self, model: mujoco.MjModel) -> Motion:
-        """Return the motion on another model with the same joints, such as one with a scene added.
+    def on(self, character: CharacterLike) -> Motion:
+        """Return the motion on the same body elsewhere, such as with a scene added.
 
         Raises:
-          ModelError: the joints differ.
+          ModelError: the body is another: other joints, bones of other lengths, other shapes.
         """
-        names = [model.joint(i).name for i in range(model.njnt)]
-        if names != self.joint_names or model.nq != self.model.nq:
+        other = Character.of(character)
+        names = joint_names(other.model)
+        if names != self.joint_names or other.model.nq != self.model.nq:
             raise ModelError("the two models have different joints: retarget the motion instead")
-        return Motion(model, self.qpos, self.fps)
+        if difference := self.character.different_from(other):
+            raise ModelError(
+                f"'{other.name}' is another body than '{self.character.name}' ({difference}):"
+                " retarget the motion instead"
+            )
+        return Motion(other, self.qpos, self.fps)
 
     def save(self, path: str | Path) -> None:
         """Write the motion file (.npz): ``qpos``, ``fps``, ``joint_names``."""
@@ -111,8 +136,12 @@ class Motion:
             )
 
     @classmethod
-    def load(cls, path: str | Path, model: mujoco.MjModel) -> Motion:
+    def load(cls, path: str | Path, character: CharacterLike) -> Motion:
         """Read a motion file.
+
+        Args:
+          path: an ``.npz`` file.
+          character: the character that it was made for, or what names one.
 
         Raises:
           ClipError: the file is missing, damaged, or made for other joints.
@@ -127,28 +156,7 @@ class Motion:
             raise ClipError(
                 f"'{path}' is not a motion file ({error}): it needs qpos, fps and joint_names"
             ) from error
-        wanted = [model.joint(i).name for i in range(model.njnt)]
-        if [str(name) for name in names] != wanted:
+        character = Character.of(character)
+        if [str(name) for name in names] != joint_names(character.model):
             raise ClipError(f"'{path}' was made for other joints than the model's: retarget it")
-        return cls(model, qpos, fps)
-
-
-def check_free_root(model: mujoco.MjModel) -> None:
-    """Raise ModelError unless the model's first joint is free and is the only free one."""
-    free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-    if len(free) != 1 or free[0] != 0:
-        raise ModelError(
-            "the model's first joint must be its only free one, the root:"
-            f" it has {len(free)} free joints"
-        )
-
-
-def quaternion_addresses(model: mujoco.MjModel) -> list[int]:
-    """Return where in ``qpos`` each quaternion begins: the root's and every ball's."""
-    addresses = []
-    for joint in range(model.njnt):
-        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
-            addresses.append(int(model.jnt_qposadr[joint]) + 3)
-        elif model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL:
-            addresses.append(int(model.jnt_qposadr[joint]))
-    return addresses
+        return cls(character, qpos, fps)

@@ -17,14 +17,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from functools import lru_cache
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.geom_points import geom_points
-from mjmotion.body.motion import check_free_root
+from mjmotion.body.kinematics import check_free_root
 from mjmotion.exceptions import ModelError
 
 Array = NDArray[np.float64]
@@ -40,7 +39,7 @@ _HEADS = ("head", "skull", "face")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Limb:
+class LimbParts:
     """A leg or an arm, at ``qpos0``.
 
     Attributes:
@@ -78,8 +77,8 @@ class Parts:
       sole: height of the lowest point of the legs [m].
     """
 
-    legs: tuple[Limb, ...]
-    arms: tuple[Limb, ...]
+    legs: tuple[LimbParts, ...]
+    arms: tuple[LimbParts, ...]
     trunk: tuple[int, ...]
     head: tuple[int, ...]
     head_geoms: tuple[int, ...]
@@ -92,7 +91,6 @@ class Parts:
         return float(self.spine[0, 2] - self.sole)
 
 
-@lru_cache(maxsize=8)
 def find_parts(model: mujoco.MjModel) -> Parts:
     """Return the parts of the character with the free root.
 
@@ -231,7 +229,7 @@ def _legs(body: _Shape, pairs: Sequence[tuple[int, int]]) -> tuple[int, int]:
     return max(called or near, key=lambda pair: body.reach(pair[0]))
 
 
-def _limb(body: _Shape, top: int, *, leg: bool) -> Limb:
+def _limb(body: _Shape, top: int, *, leg: bool) -> LimbParts:
     """Divide a limb at knee and ankle, or elbow and wrist."""
     cloud = body.cloud(body.subtree(top))
     # The line of bones ends in the body that reaches furthest from where the limb hangs.
@@ -273,10 +271,10 @@ def _limb(body: _Shape, top: int, *, leg: bool) -> Limb:
         (start, body.anchor[knee] if knee is not None else (start + ankle) / 2, ankle)
     )
     upper, lower, foot = (tuple(groups[i]) for i in range(3))
-    return Limb(chain[0], upper, lower, foot, points)
+    return LimbParts(chain[0], upper, lower, foot, points)
 
 
-def _with_trunk(body: _Shape, legs: tuple[Limb, ...], arms: tuple[Limb, ...]) -> Parts:
+def _with_trunk(body: _Shape, legs: tuple[LimbParts, ...], arms: tuple[LimbParts, ...]) -> Parts:
     taken = {b for limb in (*legs, *arms) for b in limb.bodies}
     bases = [int(body.model.body_parentid[limb.top]) for limb in (*legs, *arms)]
     core = {b for base in bases for b in body.ancestors(base)}

@@ -107,16 +107,18 @@ def tell(
     Returns:
       The exit code: 1 where a threshold is broken or a constraint of the user's own is not met.
     """
-    from mjmotion.constraints.unmet import all_missed
     from mjmotion.output.report import table
 
     motion = adaptation.motion
     say(f"{title}: {motion.nframe} frames at {motion.fps:g} fps", "")
     say(*level_lines(adaptation.trace), "", table(validation), "")
-    missed = all_missed(adaptation.unmet, motion, constraints)
-    for one in missed:
+    for one in adaptation.unmet:
         # What the scene asked has its own figures and thresholds; it is told, and no more.
-        warn(f"your constraint is not met: {one}" if one.own else f"note: not met: {one}")
+        warn(
+            f"your constraint is not met: {one}"
+            if one.source == "user"
+            else f"note: not met: {one}"
+        )
     broken = tell_broken(validation)
     say(*path_lines(args.out))
-    return 1 if broken or any(one.own for one in missed) else 0
+    return 1 if broken or any(one.source == "user" for one in adaptation.unmet) else 0

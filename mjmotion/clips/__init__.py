@@ -1,7 +1,7 @@
 """Clips: recorded motions from files, and how they are put on the humanoid.
 
 motion = load_clip("walk.bvh")
-mapped = map_clip(read_clip("walk.bvh"), model)   # with the scale and notes
+mapped = map_clip(read_clip("walk.bvh"), "humanoid")   # with the scale and notes
 """
 
 from __future__ import annotations
@@ -10,9 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import mujoco
-
-from mjmotion.body.assets import find_asset
+from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.motion import Motion
 from mjmotion.clips.asf import read_amc
 from mjmotion.clips.bvh import read_bvh
@@ -44,7 +42,7 @@ __all__ = [
 SUFFIXES = (".bvh", ".amc", ".npz", ".csv")
 
 
-def builtin_clips() -> dict[str, Callable[[mujoco.MjModel], Motion]]:
+def builtin_clips() -> dict[str, Callable[[Character], Motion]]:
     """Return the clips that need no file: name to a function that makes the motion on a model."""
     from mjmotion.clips.climb import make_climb
     from mjmotion.clips.gait import BUILTIN
@@ -86,7 +84,7 @@ def read_clip(path: str | Path, *, fps: float | None = None) -> Clip:
 
 def load_clip(
     path_or_name: str | Path,
-    model: mujoco.MjModel | None = None,
+    character: CharacterLike = "humanoid",
     *,
     mapping: str | Path | Mapping[str, Any] | None = None,
     fps: float | None = None,
@@ -95,15 +93,15 @@ def load_clip(
 
     Args:
       path_or_name: a .bvh, .amc, .npz or .csv file, or the name of a built-in clip.
-      model: the humanoid, with or without a scene; the project's own when None.
+      character: the humanoid, with or without a scene, or what names it; of .npz and .csv files,
+        the character that they were made for.
       mapping: for .bvh and .amc: mapping file, or its content (see :mod:`mjmotion.clips.rig`).
       fps: rate of the frames in place of the file's own.
 
     Raises:
       ClipError: no such file or name, a damaged file, a skeleton that cannot be mapped.
     """
-    if model is None:
-        model = mujoco.MjModel.from_xml_path(str(find_asset("model", "humanoid")))
+    character = Character.of(character)
     path = Path(path_or_name)
     if path.is_dir():
         raise ClipError(
@@ -116,14 +114,14 @@ def load_clip(
         if str(path_or_name) not in names:
             message = unknown_name("clip", str(path_or_name), names)
             raise ClipError(f"{message}; or give a file ({', '.join(SUFFIXES)})")
-        motion = names[str(path_or_name)](model)
+        motion = names[str(path_or_name)](character)
     elif suffix in (".bvh", ".amc"):
         clip = read_clip(path, fps=fps)
-        return to_motion(clip, model, find_rig(clip, mapping))
+        return to_motion(clip, character, find_rig(clip, mapping))
     elif suffix == ".npz":
-        motion = Motion.load(path, model)
+        motion = Motion.load(path, character)
     elif suffix == ".csv":
-        motion = read_csv(path, model, fps=fps)
+        motion = read_csv(path, character, fps=fps)
     else:
         raise ClipError(f"'{path}' is of no known kind: give one of {', '.join(SUFFIXES)}")
-    return motion if fps is None else Motion(model, motion.qpos, fps)
+    return motion if fps is None else Motion(character, motion.qpos, fps)

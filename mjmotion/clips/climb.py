@@ -1,8 +1,8 @@
 """The built-in rope climb (Figure 5c): 275 frames, hand over hand, feet clamping the rope.
 
-    motion = make_climb(model)
+    motion = make_climb("humanoid")
     contacts = climb_contacts()
-    constraints = climb_constraints(model)      # 5,898 scalars: six a frame and limb that holds
+    constraints = climb_constraints("humanoid") # 5,898 scalars: six a frame and limb that holds
 
 Where hands and feet go is planned (:mod:`mjmotion.clips.climb_plan`), and so is how the body rises,
 leans and turns; arms and legs then follow from the project's own fit.
@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.motion import Motion
 from mjmotion.clips.climb_grip import LIMBS, ROPE_RADIUS, find_grips
 from mjmotion.clips.climb_plan import (
@@ -29,6 +30,7 @@ from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import ModelError
 from mjmotion.fitting import fit
 from mjmotion.footsteps.contacts import Contact
+from mjmotion.ik import HybridIK
 from mjmotion.numerics.rotations import cross, exp, from_matrix, log, multiply, normalized, yaw_quat
 
 Array = NDArray[np.float64]
@@ -72,36 +74,39 @@ def climb_contacts() -> tuple[Contact, ...]:
     return hold_contacts(plan_holds())
 
 
-def climb_constraints(model: mujoco.MjModel) -> tuple[SiteConstraint, ...]:
+def climb_constraints(character: CharacterLike) -> tuple[SiteConstraint, ...]:
     """Return position and orientation of every hold, for a character's own hands and feet.
 
     Raises:
       ModelError: the model has no hands and feet.
     """
-    return hold_constraints(plan_holds(), find_grips(model, ROPE_RADIUS))
+    return hold_constraints(plan_holds(), find_grips(Character.of(character).model, ROPE_RADIUS))
 
 
-def make_climb(model: mujoco.MjModel) -> Motion:
+def make_climb(character: CharacterLike) -> Motion:
     """Return the climb.
 
     Args:
-      model: the humanoid, with or without a scene.
+      character: the humanoid, with or without a scene, or what names it.
 
     Raises:
       ModelError: the model is not the humanoid: joints, sites or limbs are missing.
     """
+    character = Character.of(character)
+    model = character.model
     grips, holds = find_grips(model, ROPE_RADIUS), plan_holds()
     frames = np.arange(FRAMES)
     wanted = []
     for site in LIMBS:
         position, quat = limb_path(site, holds, grips[site], FRAMES)
         wanted.append(SiteConstraint(site, frames, position, quat))
-    rough = Motion(model, _body(model, frames), FPS)
-    weights = np.ones(model.nv)
+    rough = Motion(character, _body(model, frames), FPS)
+    rigidity = np.ones(model.nv)
     for joint in ("root", "spine"):
         index = model.joint(joint).id
-        weights[model.dof_jntid == index] = _STIFF
-    return fit(rough, wanted, weights=weights, first_guess=False).motion
+        rigidity[model.dof_jntid == index] = _STIFF
+    solver = HybridIK(character, rigidity)
+    return fit(rough, wanted, ik=solver, tolerance=0.0, first_guess=False).motion
 
 
 def _body(model: mujoco.MjModel, frames: NDArray[np.int64]) -> Array:

@@ -8,7 +8,6 @@ character with larger feet stands further off.
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -55,7 +54,6 @@ class Grip:
         return point - rotate(quat, np.broadcast_to(self.to_rope, point.shape))
 
 
-@lru_cache(maxsize=8)
 def find_grips(model: mujoco.MjModel, radius: float = ROPE_RADIUS) -> dict[str, Grip]:
     """Return how the hands and feet of a character lie against a rope of ``radius`` [m].
 

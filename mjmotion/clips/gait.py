@@ -1,7 +1,7 @@
 """The built-in walk: made from a table of Fourier coefficients, with no recording at hand.
 
-    motion = make_walk(model)                                  # the paper's 464 frames at 30 fps
-    motion = make_walk(model, segments=[Segment("straight", 4)], speed=1.0, stride=1.2, fps=120)
+    motion = make_walk("humanoid")                             # the paper's 464 frames at 30 fps
+    motion = make_walk("humanoid", segments=[Segment("straight", 4)], speed=1.0, fps=120)
 
 The body follows a path; root and joints swing about their means by the table
 (:mod:`mjmotion.clips.gait_table`), less at lower speed, so that a walk begins and ends in quiet
@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.limbs import Limbs
 from mjmotion.body.motion import Motion
@@ -78,7 +79,7 @@ _LOOK = (0.15, 0.35, 0.3)  # shares of that turn of spine, neck and head
 
 
 def make_walk(
-    model: mujoco.MjModel,
+    character: CharacterLike,
     *,
     segments: Sequence[Segment] = WALK,
     stride: float = STRIDE,
@@ -92,7 +93,7 @@ def make_walk(
     """Return a walk on level ground z = 0, beginning at the origin along +x.
 
     Args:
-      model: the humanoid, with or without a scene.
+      character: the humanoid, with or without a scene, or what names it.
       segments: the parts of the walk, in order.
       stride: length of a stride, two steps, at walking speed [m].
       speed: walking speed [m/s]; the cadence is ``speed / stride`` strides a second.
@@ -107,7 +108,8 @@ def make_walk(
       ModelError: the model is not the humanoid: joints, sites or limbs are missing.
       ClipError: segments, stride, speed, duty or time that make no walk.
     """
-    check_model(model)
+    character = Character.of(character)
+    check_humanoid(character.model)
     for name, value, low, high in (
         ("stride", stride, 0.5, 1.9),
         ("speed", speed, 0.3, 2.2),
@@ -126,10 +128,10 @@ def make_walk(
     if total < before + ends:
         raise ClipError(f"walk: the segments take {before + ends:.2f} s, not {total:.2f}")
     times = np.arange(max(1, round(total * fps))) / fps - before
-    return Motion(model, _poses(model, path, path.phase(times), stride, duty), fps)
+    return Motion(character, _poses(character, path, path.phase(times), stride, duty), fps)
 
 
-def check_model(model: mujoco.MjModel) -> None:
+def check_humanoid(model: mujoco.MjModel) -> None:
     """Raise ModelError unless a model has the joints and sites of the humanoid."""
     names = {model.joint(i).name for i in range(model.njnt)}
     missing = [name for name in JOINTS if name not in names]
@@ -147,10 +149,11 @@ def check_model(model: mujoco.MjModel) -> None:
         )
 
 
-def _poses(model: mujoco.MjModel, path: Path, psi: Array, stride: float, duty: float) -> Array:
+def _poses(character: Character, path: Path, psi: Array, stride: float, duty: float) -> Array:
     """Return qpos (n, nq) at phases (n,)."""
     table = gait_table()
-    legs = Limbs(model, [leg_of(model, side) for side in SIDES])
+    model = character.model
+    legs = Limbs(model, [leg_of(character, side) for side in SIDES])
     shapes = [foot_shape(model, side) for side in SIDES]
     swing = _table_swing(model, table)
     scale = min(stride / STRIDE, 1.2)
@@ -233,14 +236,14 @@ def _table_swing(model: mujoco.MjModel, table: GaitTable) -> Swing:
     return find_swing(ankle[:, 0], ankle[:, 2], np.arcsin(-toe[:, 2]))
 
 
-def _walk(model: mujoco.MjModel) -> Motion:
-    return make_walk(model, seconds=FRAMES / 30.0)
+def _walk(character: Character) -> Motion:
+    return make_walk(character, seconds=FRAMES / 30.0)
 
 
 def _part(
-    segments: Sequence[Segment], model: mujoco.MjModel, *, stand: tuple[float, float] = _STAND
+    segments: Sequence[Segment], character: Character, *, stand: tuple[float, float] = _STAND
 ) -> Motion:
-    return make_walk(model, segments=segments, stand=stand)
+    return make_walk(character, segments=segments, stand=stand)
 
 
 def _turn(kind: str) -> tuple[Segment, ...]:
@@ -249,7 +252,7 @@ def _turn(kind: str) -> tuple[Segment, ...]:
 
 
 # Start, straight, turns and stop, joined in this order, make the paper's 464 frames.
-BUILTIN: dict[str, Callable[[mujoco.MjModel], Motion]] = {
+BUILTIN: dict[str, Callable[[Character], Motion]] = {
     "walk": _walk,
     "start": partial(_part, (Segment("start"), Segment("straight", 2.0))),
     "straight": partial(_part, (Segment("straight", 3.0),)),

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.limbs import Limb, Limbs, find_limbs
+from mjmotion.body.character import Character
+from mjmotion.body.limbs import Limb, Limbs
+from mjmotion.body.reach import drop_to_reach
 from mjmotion.exceptions import ModelError
 from mjmotion.numerics.rotations import conjugate, exp, multiply
 
@@ -15,14 +16,14 @@ Array = NDArray[np.float64]
 SIDES = ("left", "right")
 
 
-def leg_of(model: mujoco.MjModel, side: str) -> Limb:
+def leg_of(character: Character, side: str) -> Limb:
     """Return a side's leg.
 
     Raises:
       ModelError: it is no ball, hinge, ball.
     """
-    foot = int(model.joint(f"{side}_ankle").bodyid[0])
-    for limb in find_limbs(model):
+    foot = int(character.model.joint(f"{side}_ankle").bodyid[0])
+    for limb in character.limbs:
         if limb.end == foot:
             return limb
     raise ModelError(f"the built-in walk needs the humanoid: its {side} leg is no ball-hinge-ball")
@@ -43,9 +44,7 @@ def knee_room(legs: Limbs, qpos: Array, feet: tuple[Array, Array], knee: float) 
         for part in ("lower", "end")
     )
     bent = thigh**2 + shank**2 + 2.0 * thigh * shank * np.cos(knee)
-    flat = ((feet[0] - hip)[..., :2] ** 2).sum(axis=-1)
-    highest = feet[0][..., 2] + np.sqrt(np.maximum(bent - flat, 0.01))
-    return np.asarray((highest - hip[..., 2]).min(axis=1))
+    return np.asarray(-drop_to_reach(hip, feet[0], np.sqrt(bent), 0.1).max(axis=1))
 
 
 def pelvis_height(grid: Array, room: Array, psi: Array, near: int) -> Array:

@@ -7,7 +7,8 @@ import dataclasses
 import mujoco
 import numpy as np
 
-from mjmotion.body.joint_limits import clamp_to_limits, limit_excess, swing_twist
+from mjmotion.body.character import Character, CharacterLike
+from mjmotion.body.joint_limits import swing_twist
 from mjmotion.body.motion import Motion
 from mjmotion.clips.frames import (
     UP,
@@ -51,12 +52,12 @@ class Mapped:
     notes: tuple[str, ...]
 
 
-def to_motion(clip: Clip, model: mujoco.MjModel, rig: Rig | None = None) -> Motion:
+def to_motion(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Motion:
     """Return the clip as a motion of the humanoid; see :func:`map_clip`."""
-    return map_clip(clip, model, rig).motion
+    return map_clip(clip, character, rig).motion
 
 
-def map_clip(clip: Clip, model: mujoco.MjModel, rig: Rig | None = None) -> Mapped:
+def map_clip(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Mapped:
     """Put a clip on the humanoid.
 
     The clip's legs are scaled to the humanoid's, the first frame is moved to x = y = 0 and the clip
@@ -65,24 +66,25 @@ def map_clip(clip: Clip, model: mujoco.MjModel, rig: Rig | None = None) -> Mappe
 
     Args:
       clip: the clip, as read.
-      model: the humanoid, with or without a scene.
+      character: the humanoid, with or without a scene, or what names it.
       rig: which joint plays which role; found by name when None.
 
     Raises:
       ClipError: the skeleton cannot be mapped.
       ModelError: the model is not the humanoid.
     """
-    figure = HumanoidMeasures(model)
+    character = Character.of(character)
+    measures = HumanoidMeasures(character)
     rig = find_rig(clip) if rig is None else rig
     clip, dropped = drop_rest_frame(clip)
     clip, mended = mend_glitches(clip)
-    source = make_upright(clip, rig, figure.leg)
+    source = make_upright(clip, rig, measures.leg)
     notes = [note for note in (dropped, mended) if note]
     notes.append(f"up axis {source.axis}, 1 unit of the file is {source.scale:.6g} m")
-    body = _trunk(source, figure)
+    body = _trunk(source, measures)
     root = (source.at("left_hip") + source.at("right_hip")) / 2
     feet = [
-        _foot(source, side).moved_by(_hip_shift(source, side, body["pelvis"], figure))
+        _foot(source, side).moved_by(_hip_shift(source, side, body["pelvis"], measures))
         for side in SIDES
     ]
     for side in SIDES:
@@ -92,17 +94,17 @@ def map_clip(clip: Clip, model: mujoco.MjModel, rig: Rig | None = None) -> Mappe
     body = {name: rot.multiply(np.broadcast_to(turn, q.shape), q) for name, q in body.items()}
     root = rot.rotate(turn, root - start)
     feet = [foot.moved(turn, start) for foot in feet]
-    root, feet = place_feet(root, body["pelvis"], feet, figure, clip.fps)
+    root, feet = place_feet(root, body["pelvis"], feet, measures, clip.fps)
     knees = {}
     for side, foot in zip(SIDES, feet, strict=True):
-        hip = root + rot.rotate(body["pelvis"], figure.hips[side])
-        leg = _leg(hip, foot, side, figure, clip.fps)
+        hip = root + rot.rotate(body["pelvis"], measures.hips[side])
+        leg = _leg(hip, foot, side, measures, clip.fps)
         body[f"{side}_thigh"], knees[side], body[f"{side}_foot"] = leg
-    qpos = _assemble(model, root, body, knees)
+    qpos = _assemble(character.model, root, body, knees)
     check_steady(clip, qpos)
-    excess = limit_excess(model, qpos)
+    excess = character.limits.excess(qpos)
     clamped = int((excess > 1e-9).any(axis=1).sum())
-    motion = Motion(model, clamp_to_limits(model, qpos), clip.fps)
+    motion = Motion(character, character.limits.clamp(qpos), clip.fps)
     return Mapped(motion, source.scale, source.axis, clamped, tuple(notes))
 
 
@@ -136,28 +138,28 @@ def bend_leg(
 
 
 def _leg(
-    hip: Array, foot: Foot, side: str, figure: HumanoidMeasures, fps: float
+    hip: Array, foot: Foot, side: str, measures: HumanoidMeasures, fps: float
 ) -> tuple[Array, Array, Array]:
     """Return the thigh's orientations, the knee's angles and the foot's orientations of one side.
 
     Where a deep crouch would bend the ankle beyond its limit, the heel comes up, the toe stays.
     """
-    toe = figure.site(f"{side}_toe")
+    toe = measures.site(f"{side}_toe")
     extra = np.zeros(len(hip))
     for _ in range(8):
         tipped = foot.tipped(extra, toe) if extra.any() else foot
-        thigh, knee = bend_leg(hip, tipped.ankle, foot.normal, figure.thigh, figure.shank)
+        thigh, knee = bend_leg(hip, tipped.ankle, foot.normal, measures.thigh, measures.shank)
         half, zero = knee / 2, np.zeros_like(knee)
         bend = np.stack([np.cos(half), zero, np.sin(half), zero], axis=-1)
         ankle = rot.multiply(rot.conjugate(rot.multiply(thigh, bend)), tipped.quat)
-        excess = figure.most_dorsiflexion[side] - swing_twist(ankle)[:, 1]
+        excess = measures.most_dorsiflexion[side] - swing_twist(ankle)[:, 1]
         if excess.max() < 1e-4:
             break
         extra = extra + cover(excess, 0.2 * fps)
     return thigh, knee, tipped.quat
 
 
-def _trunk(source: Upright, figure: HumanoidMeasures) -> dict[str, Array]:
+def _trunk(source: Upright, measures: HumanoidMeasures) -> dict[str, Array]:
     """Return the orientations (nframe, 4) of pelvis, torso, neck and head."""
     hips = source.at("left_hip") - source.at("right_hip")
     chain = _spine(source)
@@ -279,7 +281,7 @@ def _foot(source: Upright, side: str) -> Foot:
     return Foot.recorded(ankle, ball, joint, normal, rest_pitch, source.clip.fps)
 
 
-def _hip_shift(source: Upright, side: str, pelvis: Array, figure: HumanoidMeasures) -> Array:
+def _hip_shift(source: Upright, side: str, pelvis: Array, measures: HumanoidMeasures) -> Array:
     """Return (nframe, 3) how far a foot moves sideways because the humanoid's hips are narrower.
 
     Without it the legs of a broad-hipped skeleton would splay and reach less far down. The side
@@ -290,7 +292,7 @@ def _hip_shift(source: Upright, side: str, pelvis: Array, figure: HumanoidMeasur
     left = rot.rotate(pelvis, np.array((0.0, 1.0, 0.0))) * (1.0, 1.0, 0.0)
     across = source.at("left_hip") - source.at("right_hip")
     half = float(np.median(np.linalg.norm(across, axis=1))) / 2
-    more = float(figure.hips[side][1]) - (half if side == "left" else -half)
+    more = float(measures.hips[side][1]) - (half if side == "left" else -half)
     left = gaussian_filter1d(left, 0.5 * source.clip.fps, axis=0, mode="nearest")
     return more * rot.normalized(left)
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
-from mjmotion.body.joint_limits import ball_limits
+from mjmotion.body.character import Character
 from mjmotion.clips.rig import SIDES
 from mjmotion.exceptions import ModelError, unknown_name
 from mjmotion.numerics.rotations import Array
@@ -14,8 +13,8 @@ from mjmotion.numerics.rotations import Array
 class HumanoidMeasures:
     """Measures of the humanoid that mapping needs, read from its model."""
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self.model = model
+    def __init__(self, character: Character) -> None:
+        self.model = model = character.model
         names = [model.body(i).name for i in range(model.nbody)]
         for name in ("pelvis", "torso", "left_thigh", "left_shank", "left_foot", "left_forearm"):
             if name not in names:
@@ -23,7 +22,7 @@ class HumanoidMeasures:
         self.thigh = float(np.linalg.norm(model.body("left_shank").pos))
         self.shank = float(np.linalg.norm(model.body("left_foot").pos))
         self.hips = {side: np.array(model.body(f"{side}_thigh").pos) for side in SIDES}
-        boxes = ball_limits(model)
+        boxes = character.limits.boxes
         ankles = {side: boxes.get(model.joint(f"{side}_ankle").id) for side in SIDES}
         # The foot's toes-up turn is negative about y.
         self.most_dorsiflexion = {

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.reach import drop_to_reach
 from mjmotion.clips.frames import UP, calibrate, frame_of, speed_of
 from mjmotion.clips.measures import HumanoidMeasures
 from mjmotion.clips.rig import SIDES
@@ -177,7 +178,7 @@ def find_stances(foot: Foot, sole: float, fps: float) -> list[Stance]:
 
 
 def place_feet(
-    root: Array, pelvis: Array, feet: Sequence[Foot], figure: HumanoidMeasures, fps: float
+    root: Array, pelvis: Array, feet: Sequence[Foot], measures: HumanoidMeasures, fps: float
 ) -> tuple[Array, list[Foot]]:
     """Put the soles on the ground at z = 0 and the ankles within reach.
 
@@ -185,19 +186,19 @@ def place_feet(
       root: (nframe, 3) positions of the pelvis [m].
       pelvis: (nframe, 4) its orientations.
       feet: the left and the right foot.
-      figure: the humanoid's measures.
+      measures: the humanoid's measures.
       fps: frames a second.
 
     Returns:
       The moved root and feet.
     """
-    sole = -float(figure.site("left_foot")[2])
+    sole = -float(measures.site("left_foot")[2])
     stances = [find_stances(foot, sole, fps) for foot in feet]
     ground, uneven = _ground(feet, stances, sole)
     root = root - (ground[0] + root[:, :2] @ ground[1:])[:, None] * UP
     pinned = []
     for side, foot, group in zip(SIDES, feet, stances, strict=True):
-        heel, toe = figure.site(f"{side}_heel"), figure.site(f"{side}_toe")
+        heel, toe = measures.site(f"{side}_heel"), measures.site(f"{side}_toe")
         under = ground[0] + foot.ankle[:, :2] @ ground[1:]
         low = [
             dataclasses.replace(s, height=s.height - float(np.mean(under[s.start : s.end])))
@@ -208,24 +209,18 @@ def place_feet(
         pinned.append(_pin(foot.lowered(under), low, heel, toe, fps))
     drop = np.zeros(len(root))
     for at, side in enumerate(SIDES):
-        hip = root + rot.rotate(pelvis, figure.hips[side])
-        toe = figure.site(f"{side}_toe")
+        hip = root + rot.rotate(pelvis, measures.hips[side])
+        toe = measures.site(f"{side}_toe")
         # A leg that trails behind raises its heel further; only then does the pelvis come down.
         for _ in range(4):
-            lack = _lack(hip, pinned[at].ankle, _REACH * figure.leg)
+            lack = drop_to_reach(hip, pinned[at].ankle, _REACH * measures.leg)
             rising = rot.rotate(pinned[at].quat, toe)[:, 2] < toe[2] - _RISING * toe[0]
             lack = np.where(rising, np.maximum(lack, 0.0), 0.0)
             if lack.max() < 1e-3:
                 break
             pinned[at] = pinned[at].tipped(cover(lack, 0.12 * fps) / toe[0], toe)
-        drop = np.maximum(drop, _lack(hip, pinned[at].ankle, _REACH * figure.leg))
+        drop = np.maximum(drop, drop_to_reach(hip, pinned[at].ankle, _REACH * measures.leg))
     return root - cover(drop, 0.4 * fps)[:, None] * UP, pinned
-
-
-def _lack(hip: Array, ankle: Array, reach: float) -> Array:
-    """Return (nframe,) how far hips must come down for ankles to be within reach [m]."""
-    flat = np.linalg.norm((ankle - hip)[:, :2], axis=1)
-    return hip[:, 2] - ankle[:, 2] - np.sqrt(np.maximum(reach**2 - flat**2, 0))
 
 
 def _ground(

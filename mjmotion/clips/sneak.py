@@ -1,7 +1,7 @@
 """The built-in sneaking: crouched, on its toes first, one careful high step after the other.
 
-    motion = make_sneak(model)                         # three strides at 30 fps
-    motion = make_sneak(model, strides=2.5, stride=0.7, speed=0.4, fps=120)
+    motion = make_sneak("humanoid")                    # three strides at 30 fps
+    motion = make_sneak("humanoid", strides=2.5, stride=0.7, speed=0.4, fps=120)
 
 It is made as the built-in walk is (:mod:`mjmotion.clips.gait`), from figures of its own: the knees
 never come out of the crouch, so the pelvis is as low as that asks; a foot is lifted high, carried
@@ -17,9 +17,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.limbs import Limbs
 from mjmotion.body.motion import Motion
-from mjmotion.clips.gait import check_model
+from mjmotion.clips.gait import check_humanoid
 from mjmotion.clips.gait_feet import Roll, Swing, both_feet, foot_shape, swing_shares
 from mjmotion.clips.gait_legs import SIDES, close_legs, knee_room, leg_of, pelvis_height
 from mjmotion.clips.gait_plan import Path, Segment, plan_path, plan_steps
@@ -95,7 +96,7 @@ def _table() -> GaitTable:
 
 
 def make_sneak(
-    model: mujoco.MjModel,
+    character: CharacterLike,
     *,
     strides: float = STRIDES,
     stride: float = STRIDE,
@@ -105,7 +106,7 @@ def make_sneak(
     """Return sneaking on level ground z = 0 along +x, from a touch of the left foot on.
 
     Args:
-      model: the humanoid, with or without a scene.
+      character: the humanoid, with or without a scene, or what names it.
       strides: how long, in strides of two steps, a multiple of one half.
       stride: length of a stride [m].
       speed: [m/s]; a stride takes ``stride / speed`` [s].
@@ -115,7 +116,8 @@ def make_sneak(
       ModelError: the model is not the humanoid: joints, sites or limbs are missing.
       ClipError: a length, a speed or a rate that makes no sneaking.
     """
-    check_model(model)
+    character = Character.of(character)
+    check_humanoid(character.model)
     for name, value, low, high in (
         ("stride", stride, 0.3, 1.1),
         ("speed", speed, 0.15, 1.0),
@@ -126,13 +128,14 @@ def make_sneak(
             raise ClipError(f"sneak: {name} is {value:.3g}: give {low} to {high}")
     path = plan_path((Segment("straight", strides),), stride, speed, 0.0)
     times = np.arange(max(1, round(strides * stride / speed * fps))) / fps
-    return Motion(model, _poses(model, path, path.phase(times), stride), fps)
+    return Motion(character, _poses(character, path, path.phase(times), stride), fps)
 
 
-def _poses(model: mujoco.MjModel, path: Path, psi: Array, stride: float) -> Array:
+def _poses(character: Character, path: Path, psi: Array, stride: float) -> Array:
     """Return qpos (n, nq) at phases (n,)."""
     table = _table()
-    legs = Limbs(model, [leg_of(model, side) for side in SIDES])
+    model = character.model
+    legs = Limbs(model, [leg_of(character, side) for side in SIDES])
     shapes = [foot_shape(model, side) for side in SIDES]
     steps = [plan_steps(path, side, _WIDTHS, _TOE_OUT, _MIDDLE) for side in SIDES]
     feet = partial(both_feet, steps, shapes, _swing(stride), roll=ROLL)

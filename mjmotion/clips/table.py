@@ -12,6 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.motion import Motion
 from mjmotion.clips.skeleton import read_text
 from mjmotion.exceptions import ClipError, frame_list
@@ -41,12 +42,12 @@ def write_csv(path: str | Path, motion: Motion) -> None:
         np.savetxt(file, table, fmt="%.9g", delimiter=",", header=header, comments="")
 
 
-def read_csv(path: str | Path, model: mujoco.MjModel, *, fps: float | None = None) -> Motion:
+def read_csv(path: str | Path, character: CharacterLike, *, fps: float | None = None) -> Motion:
     """Read a table as a motion.
 
     Args:
       path: the file.
-      model: the model of the motion.
+      character: the character of the motion, or what names it.
       fps: frames a second in place of the ``time`` column.
 
     Raises:
@@ -54,7 +55,8 @@ def read_csv(path: str | Path, model: mujoco.MjModel, *, fps: float | None = Non
     """
     lines = [line for line in read_text(str(path), "CSV").splitlines() if line.strip()]
     header = [name.strip().strip('"') for name in lines[0].split(",")]
-    wanted = column_names(model)
+    character = Character.of(character)
+    wanted = column_names(character.model)
     missing = [name for name in wanted if name not in header]
     if missing:
         raise ClipError(
@@ -87,4 +89,4 @@ def read_csv(path: str | Path, model: mujoco.MjModel, *, fps: float | None = Non
             )
         fps = 1 / steps.mean()
         fps = float(round(fps)) if abs(fps - round(fps)) < 1e-4 * fps else float(fps)
-    return Motion(model, table[:, [header.index(name) for name in wanted]], fps)
+    return Motion(character, table[:, [header.index(name) for name in wanted]], fps)

@@ -8,15 +8,15 @@ targets = lay_out([hand, *more], model, nframe)     # arrays over the constraine
 from __future__ import annotations
 
 from mjmotion.constraints.file import load_constraints
-from mjmotion.constraints.targets import Gaze, Link, Targets, lay_out
+from mjmotion.constraints.targets import LookAtTarget, RelativeTarget, Targets, lay_out
 from mjmotion.constraints.types import Constraint, LookAt, RelativeConstraint, SiteConstraint
 
 __all__ = [
     "Constraint",
-    "Gaze",
-    "Link",
     "LookAt",
+    "LookAtTarget",
     "RelativeConstraint",
+    "RelativeTarget",
     "SiteConstraint",
     "Targets",
     "lay_out",

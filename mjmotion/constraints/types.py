@@ -1,8 +1,8 @@
-"""What can be asked of sites at some frames: a place, a place in another site's frame, a gaze.
+"""What can be asked of sites at some frames: a place, a relative place, a point to look at.
 
 hand = SiteConstraint("left_hand", frames=range(60, 80), position=points)
 hip = RelativeConstraint("left_hand", range(60, 80), to="pelvis", position=(0.0, 0.2, 0.05))
-gaze = LookAt("face", range(60, 80), point=(2.0, 0.0, 1.0))
+look = LookAt("face", range(60, 80), point=(2.0, 0.0, 1.0))
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ class SiteConstraint:
       frames: (n,) frames, each once.
       position: (n, 3) world positions [m], or None; one (3,) point serves every frame.
       quat: (n, 4) world orientations wxyz of the site's frame, or None; one (4,) serves all.
-      weight: in (0, 1]: 1 holds exactly, less gives way to other wishes.
+      weight: in (0, 1]: 1 holds exactly, less gives way to others.
       contact: the site stands on something: it takes part in the first guess (§4.5).
       free: what the positions may do as a whole, some of ``x y z yaw``: all frames move together by
         one unknown that the fit finds (§7), so that nothing slides.
+      source: who asks for it: ``"user"``, or ``"scene"`` of what a plan asks of the feet.
 
     Raises:
       ConstraintError: shapes that do not fit, values that are not finite, repeated frames.
@@ -45,6 +46,7 @@ class SiteConstraint:
     weight: float = 1.0
     contact: bool = False
     free: tuple[str, ...] = ()
+    source: str = "user"
 
     def __post_init__(self) -> None:
         where = f"constraint on site '{self.site}'"
@@ -72,7 +74,8 @@ class RelativeConstraint:
       to: name of the site that it is held to, on another body.
       position: (n, 3) or (3,) in the frame of ``to`` [m], or None.
       quat: (n, 4) or (4,) orientation of the site in the frame of ``to``, wxyz, or None.
-      weight: in (0, 1]: 1 holds exactly, less gives way to other wishes.
+      weight: in (0, 1]: 1 holds exactly, less gives way to others.
+      source: who asks for it: ``"user"``, or ``"scene"`` of what a plan asks of the feet.
 
     Raises:
       ConstraintError: shapes that do not fit, values that are not finite, repeated frames.
@@ -84,6 +87,7 @@ class RelativeConstraint:
     position: Array | None = (0.0, 0.0, 0.0)  # type: ignore[assignment]
     quat: Array | None = None
     weight: float = 1.0
+    source: str = "user"
 
     def __post_init__(self) -> None:
         where = f"constraint of site '{self.site}' to site '{self.to}'"
@@ -107,7 +111,8 @@ class LookAt:
       frames: (n,) frames, each once.
       point: (n, 3) or (3,) world point to look at [m].
       axis: (3,) direction in the site's own frame; x, forward, without.
-      weight: in (0, 1]: 1 holds exactly, less gives way to other wishes.
+      weight: in (0, 1]: 1 holds exactly, less gives way to others.
+      source: who asks for it: ``"user"``, or ``"scene"`` of what a plan asks of the feet.
 
     Raises:
       ConstraintError: shapes that do not fit, values that are not finite, an axis of no length.
@@ -118,9 +123,10 @@ class LookAt:
     point: Array
     axis: Array = (1.0, 0.0, 0.0)  # type: ignore[assignment]
     weight: float = 1.0
+    source: str = "user"
 
     def __post_init__(self) -> None:
-        where = f"gaze of site '{self.site}'"
+        where = f"look-at of site '{self.site}'"
         _check_frames(self, where)
         point = per_frame(self.point, len(self.frames), 3, where, "point")
         object.__setattr__(self, "point", point)

@@ -1,10 +1,10 @@
-"""The user's own constraints, measured on the adapted motion: which were not met.
+"""How well a motion meets constraints: residuals, and those that are not met.
 
-    wishes = load_constraints("constraints.yaml", model, nframe)
-    missed = unmet_wishes(adaptation.motion, wishes)
+    targets = lay_out(constraints, motion.model, motion.nframe)
+    for one in find_unmet(motion, targets, constraints):
+        print(one)                  # position of left_hand at frames 60, 61, off by 4.2 mm
 
-What the scene asks of the feet is the program's own plan, and how well it was kept is seen in the
-figures. A wish of the user's has no figure: it is met or it is named here.
+Residuals are measured against the laid-out targets, which know which constraint each comes from.
 """
 
 from __future__ import annotations
@@ -16,50 +16,40 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.kinematics import Kinematics, Pose, site_id
+from mjmotion.body.bones import Bones
+from mjmotion.body.kinematics import Kinematics, Pose, site_positions
 from mjmotion.body.motion import Motion
-from mjmotion.constraints import (
-    Constraint,
-    LookAt,
-    RelativeConstraint,
-    SiteConstraint,
-    lay_out,
-)
+from mjmotion.constraints.targets import LookAtTarget, RelativeTarget, Targets
+from mjmotion.constraints.types import Constraint, SiteConstraint
 from mjmotion.exceptions import ConstraintError, frame_list
-from mjmotion.numerics.rotations import conjugate, from_matrix, multiply, to_matrix, yaw_quat
+from mjmotion.numerics.rotations import to_matrix
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
-POSITION_TOLERANCE = 1e-3  # [m]
-TURN_TOLERANCE = np.radians(0.5)  # [rad]
+UNMET = 1e-3  # residual from which a position or a look-at counts as not met [m]
+UNTURNED = np.radians(0.5)  # the same of an orientation [rad]
 
 
 @dataclasses.dataclass(frozen=True)
 class Unmet:
-    """A constraint that could not be met: where and by how much [mm]."""
-
-    constraint: str
-    frames: tuple[int, ...]
-    residual_mm: float
-
-
-@dataclasses.dataclass(frozen=True)
-class Missed:
-    """A constraint that was not met: what, where, by how much, and whose it is.
+    """A constraint that could not be met: which, where, and by how much.
 
     Attributes:
-      constraint: such as ``position of left_hand``.
-      frames: where.
+      constraint: what it asks for, such as ``position of left_hand``.
+      frames: where it is off.
       residual_mm: the most it is off [mm]; None for an orientation.
       residual_deg: the most it is off [degrees]; None for a position.
-      own: whether the user asked for it; else the scene did.
+      index: its place among the constraints of its source.
+      source: whose it is: ``"user"`` or ``"scene"``, what the scene asks of the feet.
     """
 
     constraint: str
     frames: tuple[int, ...]
     residual_mm: float | None
     residual_deg: float | None = None
-    own: bool = False
+    index: int = 0
+    source: str = "user"
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as ``report.json`` holds it."""
@@ -74,61 +64,159 @@ class Missed:
         return f"{self.constraint} at frames {frame_list(self.frames)}, off by {off}"
 
 
-def unmet_wishes(motion: Motion, wishes: Sequence[Constraint]) -> tuple[Missed, ...]:
-    """Return the user's constraints that a motion does not meet.
+def residuals(motion: Motion, targets: Targets, bones: Bones | None = None) -> Array:
+    """Return position errors (n, s) [m] at the targets' frames, 0 where nothing is wanted.
 
-    Those of a weight below 1 may give way and are not asked after. Where two speak of the same site
-    and frame, the later counts. Places in another site's frame, gazes and places that are free to
-    move are measured by the fit, which knows where they went; their orientations are measured here.
+    Args:
+      motion: the motion.
+      targets: what is to hold.
+      bones: a body for each frame of the motion, where that changes.
+    """
+    if len(targets.frames) == 0 or len(targets.sites) == 0:
+        return np.zeros((len(targets.frames), len(targets.sites)))
+    bones = bones if bones is None else bones.at(targets.frames)
+    sites = site_positions(motion.model, motion.qpos[targets.frames], targets.sites, bones)
+    gap = np.linalg.norm(targets.position - sites, axis=-1)
+    return np.asarray(gap * (targets.position_weight > 0))
+
+
+def relational_residuals(motion: Motion, targets: Targets, bones: Bones | None = None) -> Array:
+    """Return errors (n, k) [m] of exact relative places, then of exact look-ats.
+
+    A look-at's error is how far its line passes from the point.
+    """
+    if not (targets.relative or targets.look_at):
+        return np.zeros((len(targets.frames), 0))
+    pose = _pose_at(motion, targets, bones)
+    errors = [_relative_gap(pose, one) * (one.position_weight == 1.0) for one in targets.relative]
+    errors += [_look_at_gap(pose, one) * (one.weight == 1.0) for one in targets.look_at]
+    return np.stack(errors, axis=1)
+
+
+def find_unmet(
+    motion: Motion,
+    targets: Targets,
+    constraints: Sequence[Constraint],
+    bones: Bones | None = None,
+    tolerance: float = UNMET,
+) -> tuple[Unmet, ...]:
+    """Return the exact constraints that a motion does not meet, in their own order.
+
+    Those of a weight below 1 may give way and are not asked after; where two speak of the same
+    site and frame, the later counts. Orientations that the scene asks of feet are not asked after
+    either: how feet stand has figures of its own.
+
+    Args:
+      motion: the fitted motion.
+      targets: the constraints as laid out, those that are free to move where they went.
+      constraints: what the targets were laid out from.
+      bones: a body for each frame, where it changes.
+      tolerance: residual from which a position counts as not met [m].
+    """
+    if len(targets.frames) == 0:
+        return ()
+    pose = _pose_at(motion, targets, bones)
+    off = _Off(targets.frames, constraints, tolerance)
+    name = [motion.model.site(site).name for site in range(motion.model.nsite)]
+    gap = residuals(motion, targets, bones)
+    turn = _angle(pose.site_xmat[:, targets.sites], targets.matrix)
+    for column, site in enumerate(targets.sites):
+        exact = targets.position_weight[:, column] == 1.0
+        off.add(
+            f"position of {name[site]}", targets.position_index[:, column], exact, gap[:, column]
+        )
+        exact = targets.turn_weight[:, column] == 1.0
+        label = f"orientation of {name[site]}"
+        off.add_turn(label, targets.turn_index[:, column], exact, turn[:, column])
+    for one in targets.relative:
+        label = f"{name[one.site]} to {name[one.to]}"
+        exact = one.position_weight == 1.0
+        off.add(f"position of {label}", one.position_index, exact, _relative_gap(pose, one))
+        wanted = pose.site_xmat[:, one.to] @ to_matrix(one.quat)
+        angle = _angle(pose.site_xmat[:, one.site], wanted)
+        off.add_turn(f"orientation of {label}", one.turn_index, one.turn_weight == 1.0, angle)
+    for look in targets.look_at:
+        label = f"look-at of {name[look.site]}"
+        off.add(label, look.index, look.weight == 1.0, _look_at_gap(pose, look))
+    return tuple(sorted(off.found, key=lambda unmet: unmet.index))
+
+
+@dataclasses.dataclass(eq=False)
+class _Off:
+    """Collects what is off, a constraint at a time."""
+
+    frames: Index
+    constraints: Sequence[Constraint]
+    tolerance: float
+    found: list[Unmet] = dataclasses.field(default_factory=list)
+
+    def add(self, label: str, index: Index, exact: NDArray[np.bool_], gap: Array) -> None:
+        """Note the constraints whose places (n,) [m] are off at frames where they are exact."""
+        bad = exact & (gap > self.tolerance)
+        for which in np.unique(index[bad]):
+            rows = bad & (index == which)
+            self._note(label, int(which), rows, residual_mm=1000.0 * float(gap[rows].max()))
+
+    def add_turn(self, label: str, index: Index, exact: NDArray[np.bool_], angle: Array) -> None:
+        """Note the user's constraints whose orientations (n,) [rad] are off."""
+        bad = exact & (angle > UNTURNED)
+        for which in np.unique(index[bad]):
+            if self.constraints[which].source == "user":
+                rows = bad & (index == which)
+                degrees = float(np.degrees(angle[rows].max()))
+                self._note(label, int(which), rows, residual_mm=None, residual_deg=degrees)
+
+    def _note(self, label: str, which: int, rows: NDArray[np.bool_], **residual: Any) -> None:
+        source = self.constraints[which].source
+        place = sum(one.source == source for one in self.constraints[:which])
+        frames = tuple(int(frame) for frame in self.frames[rows])
+        self.found.append(Unmet(label, frames, **residual, index=place, source=source))
+
+
+def check_free(unmet: Sequence[Unmet], constraints: Sequence[Constraint]) -> None:
+    """Refuse what is free to move as a whole and still cannot be met at all of its frames.
+
+    Other constraints out of reach are followed as far as the body goes. What must not slide has no
+    such middle way: followed frame by frame it would slide.
+
+    Args:
+      unmet: what a fit could not meet.
+      constraints: the user's own.
 
     Raises:
-      ConstraintError: a frame the motion does not have.
-      ModelError: an unknown site.
+      ConstraintError: names the site, the frames and the residual.
     """
-    wishes = [wish for wish in wishes if not isinstance(wish, LookAt)]
-    if not wishes:
-        return ()
-    model = motion.model
-    pose = Kinematics(model, motion.nframe).forward(motion.qpos)
-    held = [_held(wish, pose) for wish in wishes if isinstance(wish, SiteConstraint)]
-    links = [wish for wish in wishes if isinstance(wish, RelativeConstraint)]
-    targets = lay_out([*(wish for wish in held if wish is not None), *links], model, motion.nframe)
-    rows = targets.frames
-    gap = np.linalg.norm(targets.position - pose.site_xpos[rows][:, targets.sites], axis=-1)
-    turn = _angle(pose.site_xmat[rows][:, targets.sites], targets.matrix)
-    found: list[Missed] = []
-    for column, site in enumerate(targets.sites):
-        name = model.site(int(site)).name
-        bad = (targets.position_weight[:, column] == 1.0) & (gap[:, column] > POSITION_TOLERANCE)
-        if bad.any():
-            frames = tuple(targets.frames[bad].tolist())
-            worst = 1000.0 * float(gap[bad, column].max())
-            found.append(Missed(f"position of {name}", frames, worst, own=True))
-        found += _turned(
-            f"orientation of {name}", rows, targets.turn_weight[:, column], turn[:, column]
-        )
-    for link in targets.links:
-        wanted = pose.site_xmat[rows, link.to] @ to_matrix(link.quat)
-        name = f"orientation of {model.site(link.site).name} to {model.site(link.to).name}"
-        angle = _angle(pose.site_xmat[rows, link.site], wanted)
-        found += _turned(name, rows, link.turn_weight, angle)
-    return tuple(found)
+    for one in unmet:
+        if one.source != "user" or one.residual_mm is None:
+            continue
+        constraint = constraints[one.index]
+        if isinstance(constraint, SiteConstraint) and constraint.free:
+            raise ConstraintError(
+                f"'{constraint.site}' is free in {', '.join(constraint.free)} and held in one"
+                f" piece, but its frames cannot all be met: off by {one.residual_mm:.1f} mm at"
+                f" most, at frames {frame_list(one.frames)}; free more of it, or hold it for fewer"
+                " frames",
+                one.frames,
+            )
 
 
-def _held(wish: SiteConstraint, pose: Pose) -> SiteConstraint | None:
-    """Return what of a wish does not move: all, or the orientation of what is free to move."""
-    if not wish.free:
-        return wish
-    if wish.quat is None:
-        return None
-    quat = wish.quat
-    if "yaw" in wish.free:
-        site = pose.site_xmat[wish.frames, site_id(pose.model, wish.site)]
-        turn = multiply(from_matrix(site), conjugate(quat))
-        # All frames turn by the same angle: that of the mean of their turns.
-        yaw = 2.0 * np.arctan2(*(turn * np.sign(turn[:, :1] + 1e-12)).mean(axis=0)[[3, 0]])
-        quat = multiply(yaw_quat(yaw), quat)
-    return dataclasses.replace(wish, position=None, quat=quat, free=())
+def _pose_at(motion: Motion, targets: Targets, bones: Bones | None) -> Pose:
+    bones = bones if bones is None else bones.at(targets.frames)
+    kinematics = Kinematics(motion.model, len(targets.frames), bones=bones)
+    return kinematics.forward(motion.qpos[targets.frames])
+
+
+def _relative_gap(pose: Pose, one: RelativeTarget) -> Array:
+    """Return how far (n,) the held site is from its place in the other's frame [m]."""
+    return np.linalg.norm(one.world_position(pose) - pose.site_xpos[:, one.site], axis=-1)
+
+
+def _look_at_gap(pose: Pose, one: LookAtTarget) -> Array:
+    """Return how far (n,) a site's axis, drawn out forwards, passes from its point [m]."""
+    away = one.point - pose.site_xpos[:, one.site]
+    axis = pose.site_xmat[:, one.site] @ one.axis
+    along = np.maximum(np.einsum("ni,ni->n", away, axis), 0.0)
+    return np.linalg.norm(away - along[:, None] * axis, axis=-1)
 
 
 def _angle(one: Array, other: Array) -> Array:
@@ -138,69 +226,3 @@ def _angle(one: Array, other: Array) -> Array:
     skew = between - between.swapaxes(-1, -2)
     sine = np.linalg.norm(skew, axis=(-1, -2)) / np.sqrt(8.0)
     return np.asarray(np.arctan2(sine, (np.trace(between, axis1=-2, axis2=-1) - 1.0) / 2.0))
-
-
-def _turned(name: str, frames: NDArray[np.int64], weight: Array, angle: Array) -> list[Missed]:
-    """Return an orientation, if it is missed at any of the frames (n,) where it is exact."""
-    bad = (weight == 1.0) & (angle > TURN_TOLERANCE)
-    if not bad.any():
-        return []
-    degrees = float(np.degrees(angle[bad].max()))
-    return [Missed(name, tuple(frames[bad].tolist()), None, degrees, own=True)]
-
-
-def all_missed(
-    unmet: Sequence[Unmet], motion: Motion, wishes: Sequence[Constraint] = ()
-) -> tuple[Missed, ...]:
-    """Return everything that was not met: the user's wishes first, then what the scene asked.
-
-    Args:
-      unmet: what the fit could not meet, wishes among it.
-      motion: the adapted motion.
-      wishes: the user's own constraints.
-    """
-    asked: dict[str, set[int]] = {}  # measured here
-    known: dict[str, set[int]] = {}  # measured by the fit
-    for wish in wishes:
-        frames = wish.frames.tolist()
-        if isinstance(wish, RelativeConstraint):
-            known.setdefault(f"position of {wish.site} to {wish.to}", set()).update(frames)
-        elif isinstance(wish, LookAt):
-            known.setdefault(f"gaze of {wish.site}", set()).update(frames)
-        elif wish.position is not None:
-            names = known if wish.free else asked
-            names.setdefault(f"position of {wish.site}", set()).update(frames)
-    rest = []
-    for one in unmet:
-        others = tuple(f for f in one.frames if f not in asked.get(one.constraint, ()))
-        if others:
-            own = bool(known.get(one.constraint, set()) & set(others))
-            rest.append(Missed(one.constraint, others, one.residual_mm, own=own))
-    return (*unmet_wishes(motion, wishes), *rest)
-
-
-def check_free(unmet: Sequence[Unmet], wishes: Sequence[Constraint]) -> None:
-    """Refuse what is free to move as a whole and still cannot be met at all of its frames.
-
-    Other wishes out of reach are followed as far as the body goes. What must not slide has no such
-    middle way: followed frame by frame it would slide.
-
-    Args:
-      unmet: what a fit could not meet.
-      wishes: the user's own constraints.
-
-    Raises:
-      ConstraintError: names the site, the frames and the residual.
-    """
-    for wish in wishes:
-        if not (isinstance(wish, SiteConstraint) and wish.free):
-            continue
-        for one in unmet:
-            frames = np.intersect1d(one.frames, wish.frames).tolist()
-            if one.constraint == f"position of {wish.site}" and frames:
-                raise ConstraintError(
-                    f"'{wish.site}' is free in {', '.join(wish.free)} and held in one piece, but"
-                    f" its frames cannot all be met: off by {one.residual_mm:.1f} mm at most, at"
-                    f" frames {frame_list(frames)}; free more of it, or hold it for fewer frames",
-                    frames,
-                )

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body import joint_limits as limits
 from mjmotion.body.bones import Bones
-from mjmotion.body.joint_coupling import couple
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import Targets
+from mjmotion.fitting.level import run_level
 from mjmotion.fitting.submap import fit_submap
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.solver import IKSolver, Solution, default_weights
+from mjmotion.ik.solver import IKProblem, Solution, default_rigidity
 from mjmotion.numerics.bspline import fit_level
 from mjmotion.numerics.smoothing import cover
 from mjmotion.numerics.tangent import oplus
@@ -25,13 +25,9 @@ Array = NDArray[np.float64]
 RISE_TIME = 0.25  # over how long the root rises or sinks for a limb to reach at last [s]
 LIMIT_SLACK = 1e-5  # how far a closed limb may be out of its range before the root gives [rad]
 _EASES = 4
+_PASSES = 2  # times that Eq. 2 is applied at a level's knots
 _FOLLOWS = 3  # levels in which limbs follow a root that has moved
 _BETTER = 0.8  # the root gives again only while that leaves less than this share of what was over
-
-
-def within_limits(motion: Motion, qpos: Array) -> Array:
-    """Return poses (n, nq) within joint limits, coupled joints with their shares (§4.2)."""
-    return couple(motion.model, limits.clamp_to_limits(motion.model, qpos))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -40,16 +36,16 @@ class ExactPass:
 
     Attributes:
       motion: the motion that is fitted; its model and rate.
-      solver: closes the limbs.
+      problem: closes the limbs; of the same targets.
       targets: what is to hold.
-      spacing: frames a knot of the coarsest level.
+      frames_per_knot: of the coarsest level.
       bones: a body for each frame, where it changes.
     """
 
     motion: Motion
-    solver: IKSolver
+    problem: IKProblem
     targets: Targets
-    spacing: float
+    frames_per_knot: float
     bones: Bones | None
 
     def __call__(self, qpos: Array) -> tuple[Array, float]:
@@ -60,7 +56,7 @@ class ExactPass:
         """
         fitted = qpos
         solution: Solution | None
-        solution = self.solver.enforce(qpos[self.targets.frames], self.targets)
+        solution = self.problem.enforce(qpos[self.targets.frames])
         error = float(solution.error.max(initial=0.0))
         if solution.rise is not None and solution.rise.any():
             qpos = qpos.copy()
@@ -82,9 +78,9 @@ class ExactPass:
         frames, model = self.targets.frames, self.motion.model
         closed = qpos.copy()
         if solution is None:
-            solution = self.solver.enforce(qpos[frames], self.targets)
+            solution = self.problem.enforce(qpos[frames])
         closed[frames] = oplus(model, qpos[frames], solution.displacement)
-        clamped = within_limits(self.motion, closed)
+        clamped = self.motion.character.within_limits(closed)
         return clamped, np.abs(clamped[frames] - closed[frames]).max(axis=1)
 
     def _spread(self, rise: Array) -> Array:
@@ -104,13 +100,15 @@ class ExactPass:
         """
         targets, nframe = self.targets, self.motion.nframe
         held = np.maximum(targets.position_weight, targets.turn_weight) > 0.0
-        if len(held) == nframe and held.all() and not (targets.links or targets.gazes):
+        if len(held) == nframe and held.all() and not (targets.relative or targets.look_at):
             return qpos
+        character = self.motion.character
         for halving in range(1, _FOLLOWS + 1):
-            spacing = self.spacing / 2.0**halving
-            solution = self.solver.enforce(qpos[targets.frames], targets)
-            submap = fit_submap(self.motion.model, targets, solution, nframe, spacing, 2)
-            qpos = couple(self.motion.model, oplus(self.motion.model, qpos, submap))
+            frames_per_knot = self.frames_per_knot / 2.0**halving
+            spline = partial(
+                fit_submap, character, targets, nframe, frames_per_knot, _PASSES, fit_level
+            )
+            qpos = run_level(character, qpos, targets.frames, self.problem.enforce, spline).qpos
         return qpos
 
     def _ease(self, qpos: Array, rows: NDArray[np.int64]) -> Array:
@@ -119,13 +117,17 @@ class ExactPass:
         The numeric solver knows limits and finds where the root would have to be at those frames; a
         level of its own spreads that to the frames around them.
         """
-        model = self.motion.model
-        weights = default_weights(model)
-        weights[:6] = 1.0
-        frames = self.targets.frames[rows]
-        solver = NumericIK(model, weights, iterations=4, bones=self.bones)
-        wish = solver.solve(qpos[frames], self.targets.at(rows))
-        root = np.zeros((len(frames), model.nv))
-        root[:, :6] = wish.displacement[:, :6]
-        spacing = min(self.spacing, RISE_TIME * self.motion.fps)
-        return oplus(model, qpos, fit_level(frames, root, self.motion.nframe, spacing))
+        character, frames = self.motion.character, self.targets.frames[rows]
+        rigidity = default_rigidity(character.model)
+        rigidity[:6] = 1.0
+        solver = NumericIK(character, rigidity, iterations=4, bones=self.bones)
+        problem = solver.prepare(self.targets.at(rows))
+        frames_per_knot = min(self.frames_per_knot, RISE_TIME * self.motion.fps)
+
+        def root_alone(solution: Solution) -> Array:
+            submap = np.zeros((self.motion.nframe, character.model.nv))
+            root = solution.displacement[:, :6]
+            submap[:, :6] = fit_level(frames, root, self.motion.nframe, frames_per_knot)
+            return submap
+
+        return run_level(character, qpos, frames, problem.solve, root_alone).qpos

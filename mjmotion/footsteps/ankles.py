@@ -14,10 +14,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body import joint_limits as limits
 from mjmotion.body.feet import Foot
+from mjmotion.body.joint_limits import from_swing_twist, swing_twist
 from mjmotion.body.kinematics import site_id
-from mjmotion.body.limbs import Limbs, find_limbs, limbs_of
+from mjmotion.body.limbs import Limbs
 from mjmotion.body.motion import Motion
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.paths import FootPath
@@ -34,7 +34,7 @@ SLACK = 0.035  # what an ankle may use of the margin before anything gives [rad]
 _LIFTED = 5e-4  # a heel this far off its foothold no longer stands [m]
 
 
-def give(
+def relax_ankles(
     motion: Motion, feet: Sequence[Foot], paths: Sequence[FootPath], contacts: Sequence[Contact]
 ) -> tuple[tuple[FootPath, ...], tuple[Contact, ...]]:
     """Return paths that the ankles can follow, and the contacts that are left.
@@ -45,13 +45,12 @@ def give(
       paths: one a foot.
       contacts: all contacts.
     """
-    ends = {limb.end: limb for limb in find_limbs(motion.model)}
     given: list[FootPath] = []
     left = list(contacts)
     for foot, path in zip(feet, paths, strict=True):
-        limb = ends.get(foot.body)
+        limb = motion.character.limb_by_end.get(foot.body)
         if limb is not None:
-            limbs = limbs_of(motion.model, (limb,))
+            limbs = motion.character.chains((limb,))
             flat = path
             for _ in range(_ROUNDS):
                 turned = _turn_back(motion, limbs, foot, path)
@@ -59,7 +58,7 @@ def give(
                     break
                 path = turned
             if path is not flat:
-                left = standing(left, foot, flat, path, SHORTEST * motion.fps)
+                left = trim_heel_contacts(left, foot, flat, path, SHORTEST * motion.fps)
         given.append(path)
     return tuple(given), tuple(left)
 
@@ -68,7 +67,7 @@ def _turn_back(motion: Motion, limbs: Limbs, foot: Foot, path: FootPath) -> Foot
     """Turn a path back by what its ankle lacks; None when it lacks nothing."""
     model = motion.model
     joint = int(model.body_jntadr[foot.body])
-    box = limits.ball_limits(model).get(joint)
+    box = motion.character.limits.boxes.get(joint)
     if box is None:
         return None
     site = site_id(model, foot.site)
@@ -77,7 +76,7 @@ def _turn_back(motion: Motion, limbs: Limbs, foot: Foot, path: FootPath) -> Foot
     goal = limbs.goal(state, path.position[:, None], end_quat[:, None], model.site_pos[site][None])
     end = multiply(conjugate(state.base_quat), end_quat[:, None])
     displacement = limbs.close(state, goal, end)
-    ankle = limits.swing_twist(limbs.ankle_turn(state, displacement)[:, 0])
+    ankle = swing_twist(limbs.ankle_turn(state, displacement)[:, 0])
     if not ((ankle < box[:, 0] + MARGIN - SLACK) | (ankle > box[:, 1] - MARGIN + SLACK)).any():
         return None
     lack = np.zeros_like(ankle)
@@ -87,9 +86,7 @@ def _turn_back(motion: Motion, limbs: Limbs, foot: Foot, path: FootPath) -> Foot
         lack[:, axis] -= cover(ankle[:, axis] - box[axis, 1] + MARGIN, time)
     if not lack.any():
         return None
-    back = multiply(
-        conjugate(limits.from_swing_twist(ankle)), limits.from_swing_twist(ankle + lack)
-    )
+    back = multiply(conjugate(from_swing_twist(ankle)), from_swing_twist(ankle + lack))
     to_site = model.site_quat[site]
     back = multiply(multiply(conjugate(to_site), back), to_site)
     quat = multiply(path.quat, back)
@@ -98,7 +95,7 @@ def _turn_back(motion: Motion, limbs: Limbs, foot: Foot, path: FootPath) -> Foot
     return dataclasses.replace(path, position=position, quat=quat)
 
 
-def standing(
+def trim_heel_contacts(
     contacts: Sequence[Contact], foot: Foot, flat: FootPath, path: FootPath, shortest: float
 ) -> list[Contact]:
     """Cut a foot's heel contacts to the longest stretch in which the heel is still down.

@@ -11,6 +11,7 @@ it or beside it, and the body begins to duck a little before and straightens a l
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Sequence
 
@@ -18,7 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.feet import Foot
+from mjmotion.body.character import Character
 from mjmotion.body.geom_points import geom_points
 from mjmotion.body.kinematics import Kinematics, Pose, character_geoms
 from mjmotion.footsteps.footholds import Foothold
@@ -147,18 +148,16 @@ class ObstacleClearance:
     """Inequalities that keep a character out of obstacles (:class:`mjmotion.ik.solver.Clearance`).
 
     Args:
-      character: the character alone.
+      character: the character, alone. Its feet are left out: the ground is theirs to stand on.
       obstacles: what to keep out of.
-      feet: their bodies are left out, the ground being theirs to stand on.
       nframe: most frames that will be asked for.
       margin: distance to keep [m].
     """
 
     def __init__(
         self,
-        character: mujoco.MjSpec,
+        character: Character,
         obstacles: Sequence[Obstacle],
-        feet: Sequence[Foot],
         nframe: int,
         margin: float = MARGIN,
     ) -> None:
@@ -167,7 +166,7 @@ class ObstacleClearance:
         self._tall = np.array([obstacle.tall for obstacle in obstacles], dtype=bool)
         self._along = np.array([obstacle.along for obstacle in obstacles]).reshape(-1, 3)
         self._span = np.array([obstacle.span for obstacle in obstacles]).reshape(-1, 2)
-        spec = character.copy()
+        spec = character.spec.copy()
         for kind in ("drawn", "points"):
             for number, obstacle in enumerate(obstacles):
                 name = _wall_name(kind, number)
@@ -179,7 +178,7 @@ class ObstacleClearance:
         self._data = mujoco.MjData(self.model)
         mujoco.mj_kinematics(self.model, self._data)
         self._kinematics = Kinematics(self.model, nframe, geoms=True)
-        foot_bodies = {foot.body for foot in feet}
+        foot_bodies = {foot.body for foot in character.feet}
         self._mine = character_geoms(self.model)
         self._geoms = np.array(
             [
@@ -201,6 +200,12 @@ class ObstacleClearance:
         self._low = np.array([o.points.min(axis=0) for o in obstacles]).reshape(-1, 3) - reach
         self._high = np.array([o.points.max(axis=0) for o in obstacles]).reshape(-1, 3) + reach
         self._high[:, 2] = top
+
+    def at_margin(self, margin: float) -> ObstacleClearance:
+        """Return the same with another distance kept from what cannot be stepped over [m]."""
+        wider = copy.copy(self)
+        wider.margin = margin
+        return wider
 
     def __call__(self, qpos: Array, frames: NDArray[np.int64]) -> Inequalities:
         """Return what poses (n, nq) lack of the margin; ``frames`` says nothing more here."""

@@ -1,7 +1,7 @@
 """What a scene asks of a walk, before anything is fitted: footholds, foot paths, the root's way.
 
-what = plan(clip, scene)
-what.constraints(), what.root_shift, what.obstacles
+plan = make_plan(clip, scene)
+plan.constraints(), plan.root_shift, plan.obstacles
 """
 
 from __future__ import annotations
@@ -12,24 +12,23 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.feet import find_feet
 from mjmotion.body.kinematics import Kinematics, Pose
-from mjmotion.body.limbs import find_limbs, limbs_of
 from mjmotion.body.motion import Motion
+from mjmotion.body.reach import drop_to_reach
 from mjmotion.constraints import SiteConstraint
 from mjmotion.constraints.shared_targets import SharedMove
 from mjmotion.exceptions import ContactError
 from mjmotion.fitting import default_levels, fit
-from mjmotion.footsteps.ankles import give
+from mjmotion.footsteps.ankles import relax_ankles
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds, find_stances
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
 from mjmotion.footsteps.paths import FootPath, foot_path, free_footholds
+from mjmotion.ik import IKSolver
 from mjmotion.numerics.bspline import fit_multilevel
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.numerics.smoothing import cover
 from mjmotion.scene import Scene
-from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
 
@@ -37,6 +36,7 @@ REACH_FREE = 0.97  # share of a leg's length that a root path may always ask for
 REACH_MOST = 0.995  # the most it may ask for, where the source did
 OFF_PLANE = 0.03  # further out of its plane than this a free foothold stands on something else [m]
 _HALVINGS = 3  # of a move that would take a foothold there; after the last it stays
+LEAST_HEIGHT = 0.5  # of a leg's length that a hip keeps over its ankle, however far that is
 DROP_TIME = 0.3  # how far on either side it is felt that a leg would not reach [s]
 
 
@@ -66,13 +66,15 @@ class Plan:
         """Both feet posed at every frame."""
         frames = np.arange(self.source.nframe)
         return [
-            SiteConstraint(path.site, frames, path.position, path.quat, contact=True)
+            SiteConstraint(
+                path.site, frames, path.position, path.quat, contact=True, source="scene"
+            )
             for path in self.paths
         ]
 
     def free_footholds(self) -> list[SharedMove]:
         """One unknown move for every stance, in the plane of its foothold (§7)."""
-        feet = find_feet(self.source.model)
+        feet = self.source.character.feet
         return free_footholds(feet, self.stances, self.footholds, self.source.nframe)
 
 
@@ -85,7 +87,7 @@ def place(clip: Motion, scene: Scene) -> Motion:
     return clip.replace(qpos)
 
 
-def plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = None) -> Plan:
+def make_plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = None) -> Plan:
     """Find out what the scene asks of a walk.
 
     Raises:
@@ -94,7 +96,7 @@ def plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = None) 
       SceneError: no ground under the walk.
     """
     source = place(clip, scene)
-    feet = find_feet(clip.model)
+    feet = clip.character.feet
     found = (
         detect_contacts(source)
         if contacts is None
@@ -107,11 +109,11 @@ def plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = None) 
         )
     pose = Kinematics(source.model, source.nframe).forward(source.qpos)
     stances = find_stances(source, pose, feet, found)
-    footholds = find_footholds(stances, feet, Ground(scene), float(scene.start_pos[2]))
+    footholds = find_footholds(stances, feet, scene.ground, float(scene.start_pos[2]))
     return _on_ground(source, pose, found, stances, footholds, scene)
 
 
-def freed(what: Plan, scene: Scene, ik: str = "hybrid") -> Plan:
+def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid") -> Plan:
     """Return the plan with footholds where they change the walk least (§7).
 
     Each foothold is free to move and turn in its own plane as a whole; where the fit takes it, it
@@ -119,41 +121,41 @@ def freed(what: Plan, scene: Scene, ik: str = "hybrid") -> Plan:
     stand on another step goes less far.
 
     Args:
-      what: the plan with footholds under those of the clip.
+      plan: the plan with footholds under those of the clip.
       scene: the same scene.
       ik: ``"hybrid"`` or ``"numeric"``.
 
     Raises:
       SceneError: there is nothing to stand on where a foothold went.
     """
-    shared = what.free_footholds()
+    shared = plan.free_footholds()
     moves = fit(
-        what.source,
-        what.constraints(),
+        plan.source,
+        plan.constraints(),
         ik=ik,
-        first_guess=what.root_shift,
+        first_guess=plan.root_shift,
         shared=shared,
         exact=False,
     ).moves
-    feet, ground = find_feet(what.source.model), Ground(scene)
-    order = [i for foot in range(len(feet)) for i, s in enumerate(what.stances) if s.foot == foot]
+    feet, ground = plan.source.character.feet, scene.ground
+    order = [i for foot in range(len(feet)) for i, s in enumerate(plan.stances) if s.foot == foot]
     share = np.ones(len(order))
     for halving in range(_HALVINGS + 1):
-        spots = list(what.stances)
+        spots = list(plan.stances)
         for index, move, found in zip(order, shared, share[:, None] * moves, strict=True):
             spots[index] = dataclasses.replace(
-                what.stances[index],
+                plan.stances[index],
                 source_pos=move.pivot + found[: len(move.directions)] @ move.directions,
-                source_quat=multiply(yaw_quat(found[3]), what.stances[index].source_quat),
+                source_quat=multiply(yaw_quat(found[3]), plan.stances[index].source_quat),
             )
         new = find_footholds(spots, feet, ground, float(scene.start_pos[2]))
-        off = np.array([_off_plane(what.footholds[i], new[i]) > OFF_PLANE for i in order])
+        off = np.array([_off_plane(plan.footholds[i], new[i]) > OFF_PLANE for i in order])
         if not off.any():
             break
         share[off] *= 0.5 if halving < _HALVINGS - 1 else 0.0
-    source = what.source
+    source = plan.source
     pose = Kinematics(source.model, source.nframe).forward(source.qpos)
-    return _on_ground(source, pose, what.contacts, what.stances, new, scene)
+    return _on_ground(source, pose, plan.contacts, plan.stances, new, scene)
 
 
 def _off_plane(old: Foothold, new: Foothold) -> float:
@@ -170,15 +172,15 @@ def _on_ground(
     scene: Scene,
 ) -> Plan:
     """Plan the ways from foothold to foothold, one a stance."""
-    feet, ground = find_feet(source.model), Ground(scene)
+    feet, ground = source.character.feet, scene.ground
     paths = tuple(
         foot_path(foot, index, pose, stances, footholds, ground, source.fps)
         for index, foot in enumerate(feet)
     )
     shift = root_shift(source, pose, paths)
-    given, standing = give(shifted(source, shift), feet, paths, found)
-    if given != paths:
-        paths, found = given, standing
+    relaxed, trimmed = relax_ankles(shifted(source, shift), feet, paths, found)
+    if relaxed != paths:
+        paths, found = relaxed, trimmed
         shift = root_shift(source, pose, paths)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
     return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles)
@@ -205,8 +207,8 @@ def root_shift(source: Motion, pose: Pose, paths: Sequence[FootPath]) -> Array:
 def mean_shift(source: Motion, paths: Sequence[FootPath]) -> Array:
     """Return the feet's mean shift (nframe, 3) [m], fitted with the coarse knots alone (§4.5)."""
     mean = np.mean([path.shift for path in paths], axis=0)
-    spacings = default_levels(source.fps)
-    return fit_multilevel(np.arange(source.nframe), mean, source.nframe, spacings[:-1])
+    levels = default_levels(source.fps)
+    return fit_multilevel(np.arange(source.nframe), mean, source.nframe, levels[:-1])
 
 
 def drop(
@@ -226,15 +228,14 @@ def drop(
       reach: shares of a leg's length: that may always be asked for, and that may be asked for where
         the source did.
     """
-    ends = {limb.end: limb for limb in find_limbs(source.model)}
     need = np.full(source.nframe, -np.inf)
     low, high = reach
     for path in paths:
         site = source.model.site(path.site)
-        limb = ends.get(int(site.bodyid[0]))
+        limb = source.character.limb_by_end.get(int(site.bodyid[0]))
         if limb is None:
             continue
-        limbs = limbs_of(source.model, (limb,))
+        limbs = source.character.chains((limb,))
         hip = pose.xanchor[:, source.model.body_jntadr[limb.upper]]
         ankle = pose.xanchor[:, source.model.body_jntadr[limb.end]]
         was = np.linalg.norm(hip - ankle, axis=1)
@@ -242,8 +243,5 @@ def drop(
         most = np.clip(was, low * long, high * long)
         local = source.model.jnt_pos[source.model.body_jntadr[limb.end]] - site.pos
         goal = path.position + rotate(path.quat, np.broadcast_to(local, path.position.shape))
-        apart = hip + shift - goal
-        flat = np.linalg.norm(apart[:, :2], axis=1)
-        allowed = np.sqrt(np.maximum(most**2 - flat**2, (0.5 * long) ** 2))
-        need = np.maximum(need, apart[:, 2] - allowed)
+        need = np.maximum(need, drop_to_reach(hip + shift, goal, most, LEAST_HEIGHT * long))
     return cover(need, DROP_TIME * source.fps)

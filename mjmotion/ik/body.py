@@ -8,8 +8,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.joint_coupling import Coupling, coupling
-from mjmotion.body.joint_limits import ball_limits, swing_twist
+from mjmotion.body.character import Character
+from mjmotion.body.joint_coupling import Coupling
+from mjmotion.body.joint_limits import swing_twist
 from mjmotion.body.kinematics import body_dofs, body_pose
 from mjmotion.body.limbs import Limbs, LimbState
 from mjmotion.constraints import Targets
@@ -29,13 +30,11 @@ class Reduced:
     ``closure`` is how limbs follow their bases, unweighted, at ``state``.
     """
 
-    qpos: Array
-    frames: NDArray[np.int64]
     base: Base
     swivel: Array
     rows: Array
     matrix: Array
-    root: Array
+    sqrt_rigidity: Array
     closure: tuple[Array, Array]
     state: LimbState
     edges: Edges | None
@@ -56,7 +55,7 @@ class Reduced:
         # Turning about the site takes the ankle along: v = ω × (ankle − site) = arm × ω.
         follow[..., 3:] = np.cross(moving, arm[..., None, :])
         follow[..., 4:, 3:] += turning
-        follow *= self.root[..., None]
+        follow *= self.sqrt_rigidity[..., None]
         along = np.einsum("nkd,nkde->nke", self.swivel, follow)
         return follow - self.swivel[..., None] * along[..., None, :]
 
@@ -66,22 +65,22 @@ class Base:
 
     Attributes:
       dofs: (m,) the degrees of freedom.
-      weights: (nbase,) rigidity of each parameter: as many, less those that follow others (§4.2).
+      rigidity: (nbase,) α of each parameter: as many, less those that follow others (§4.2).
     """
 
     def __init__(
         self,
-        model: mujoco.MjModel,
+        character: Character,
         limbs: Limbs,
         qpos: Array,
         state: LimbState,
-        weights: Array,
+        rigidity: Array,
     ) -> None:
-        self._model = model
+        self._character, model = character, character.model
         # (nlimb, nbase) which of them carry which limb
         carried = np.stack([body_dofs(model, limb.base) for limb in limbs.limbs])
         self.dofs = np.flatnonzero(carried.any(axis=0))
-        self._fold, self.weights = _fold(coupling(model), self.dofs, weights)
+        self._fold, self.rigidity = _fold(character.coupling, self.dofs, rigidity)
         self._moves = None if carried[:, self.dofs].all() else carried[:, self.dofs]
         frame = to_matrix(state.base_quat)
         count = len(self.dofs)
@@ -143,10 +142,10 @@ class Base:
 
     def beyond(self, qpos: Array, displacement: Array) -> NDArray[np.bool_]:
         """Return the frames (n,) in which a displacement (n, nv) takes a joint out of its range."""
-        model, out = self._model, np.zeros(len(qpos), dtype=bool)
+        model, out = self._character.model, np.zeros(len(qpos), dtype=bool)
         for joint in np.unique(model.dof_jntid[self.dofs]):
             dof, at = model.jnt_dofadr[joint], model.jnt_qposadr[joint]
-            box = ball_limits(model).get(int(joint))
+            box = self._character.limits.boxes.get(int(joint))
             if box is not None:
                 turn = exp(displacement[:, dof : dof + 3])
                 value = swing_twist(multiply(qpos[:, at : at + 4], turn))
@@ -165,14 +164,16 @@ class Base:
         return np.asarray(displacement @ np.linalg.pinv(self._fold).T)
 
 
-def _fold(coupled: Coupling, dofs: NDArray[np.int64], weights: Array) -> tuple[Array | None, Array]:
-    """Return what each parameter does to ``dofs`` (m, nbase), and the parameters' weights.
+def _fold(
+    coupled: Coupling, dofs: NDArray[np.int64], rigidity: Array
+) -> tuple[Array | None, Array]:
+    """Return what each parameter does to ``dofs`` (m, nbase), and the parameters' rigidities.
 
     None stands for the identity: no degree of freedom follows another.
     """
     inside = np.isin(coupled.follower, dofs)
     if not inside.any():
-        return None, weights[dofs]
+        return None, rigidity[dofs]
     fold = np.eye(len(dofs))
     place = {int(dof): index for index, dof in enumerate(dofs)}
     following = []
@@ -182,4 +183,4 @@ def _fold(coupled: Coupling, dofs: NDArray[np.int64], weights: Array) -> tuple[A
         fold[follower, leader] = coupled.ratio[row]
         following.append(follower)
     fold = np.delete(fold, following, axis=1)
-    return fold, fold.T**2 @ weights[dofs]
+    return fold, fold.T**2 @ rigidity[dofs]

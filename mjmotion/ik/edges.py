@@ -1,7 +1,7 @@
 """Joints of limbs that stand at the edge of their range, carried from one level to the next.
 
 A limb closed in form does not know how far its joints can turn. Where they would leave their range
-they are held at its edge by a heavy weight in the next solve (the penalty of Eq. 6), so that the
+they are held at its edge by a high rigidity in the next solve (the penalty of Eq. 6), so that the
 body and what is shared between frames give instead; they are let go once they turn back inside.
 """
 
@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import dataclasses
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body import joint_limits as limits
+from mjmotion.body.character import Character
 from mjmotion.body.limbs import Limbs
 
 Array = NDArray[np.float64]
 
-WEIGHT = 2000.0  # α of a joint that is held at its edge
+RIGIDITY = 2000.0  # α of a joint that is held at its edge
 MARGIN = 0.03  # so far inside its range a joint is held: what levels leave must fit in [rad]
 _OVER = 1e-4  # out of its range by more than this, a joint is held [rad]
 
@@ -43,13 +42,13 @@ class Edges:
         side = self.side[rows]
         return Edges(frames, side, self.level[rows]) if side.any() else None
 
-    def root(self, root: Array) -> Array:
-        """Return square roots of weights (n, nlimb, 7): heavy where a joint is held."""
-        return np.where(self.side != 0.0, WEIGHT**0.5, root)
+    def stiffened(self, sqrt_rigidity: Array) -> Array:
+        """Return square roots of rigidities (n, nlimb, 7): stiff where a joint is held."""
+        return np.where(self.side != 0.0, RIGIDITY**0.5, sqrt_rigidity)
 
 
 def find_edges(
-    model: mujoco.MjModel,
+    character: Character,
     limbs: Limbs,
     frames: NDArray[np.int64],
     qpos: Array,
@@ -61,7 +60,7 @@ def find_edges(
     """Return what is at an edge after a displacement (n, nlimb, 7) of poses (n, nq).
 
     Args:
-      model: the model.
+      character: the body.
       limbs: the limbs.
       frames: (n,) the frames of the poses.
       qpos: (n, nq) poses.
@@ -70,7 +69,7 @@ def find_edges(
       before: what was held while this displacement was found.
       free: (n,) frames in which nothing is held, as there is no motion to keep to.
     """
-    low, high = _bounds(model, limbs)
+    low, high = _bounds(character, limbs)
     angle = limbs.joint_angles(qpos, displacement)
     over = np.maximum(angle - high, 0.0) - np.maximum(low - angle, 0.0)
     side = np.where(np.abs(over) > _OVER, np.sign(over), 0.0)
@@ -84,10 +83,10 @@ def find_edges(
     return Edges(frames, side, level)
 
 
-def _bounds(model: mujoco.MjModel, limbs: Limbs) -> tuple[Array, Array]:
+def _bounds(character: Character, limbs: Limbs) -> tuple[Array, Array]:
     """Return the ranges (nlimb, 7) of limbs' joints: swing and twist of balls, angle of hinges."""
     low, high = np.full((len(limbs), 7), -np.inf), np.full((len(limbs), 7), np.inf)
-    boxes = limits.ball_limits(model)
+    boxes, model = character.limits.boxes, character.model
     for index, limb in enumerate(limbs.limbs):
         for body, columns in ((limb.upper, slice(0, 3)), (limb.end, slice(4, 7))):
             box = boxes.get(int(model.body_jntadr[body]))

@@ -15,22 +15,21 @@ from __future__ import annotations
 
 import dataclasses
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body import joint_limits as limits
 from mjmotion.body.bones import Bones
-from mjmotion.body.joint_coupling import couple, coupling
+from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.kinematics import Kinematics, Pose, body_dofs
 from mjmotion.constraints import Targets
 from mjmotion.constraints.shared_targets import Sensitivity
-from mjmotion.ik.rows import gaze_rows, link_rows
+from mjmotion.ik.rows import look_at_rows, relative_rows
 from mjmotion.ik.solver import (
     Clearance,
+    Deviation,
     Inequalities,
     Solution,
-    default_weights,
+    default_rigidity,
     position_error,
 )
 from mjmotion.numerics.rotations import from_matrix, log
@@ -50,57 +49,92 @@ class NumericIK:
     """Least-deviation Gauss–Newton over all frames.
 
     Args:
-      model: any MuJoCo model with a free root.
-      weights: (nv,) rigidity α of Eq. 4; :func:`default_weights` without.
+      character: any character.
+      rigidity: (nv,) α of Eq. 4; :func:`default_rigidity` without.
       iterations: Gauss–Newton steps a solve.
-      bones: a body that is not the model's own, or one for each frame of the motion.
+      bones: a body that is not the character's own, or one for each frame of the motion.
     """
 
     def __init__(
         self,
-        model: mujoco.MjModel,
-        weights: Array | None = None,
+        character: CharacterLike,
+        rigidity: Array | None = None,
         iterations: int = 2,
         bones: Bones | None = None,
     ) -> None:
-        self.model = model
-        self.weights = default_weights(model) if weights is None else np.asarray(weights)
+        self.character = Character.of(character)
+        self.model = self.character.model
+        self.rigidity = default_rigidity(self.model) if rigidity is None else np.asarray(rigidity)
         self.iterations = iterations
         self.bones = bones
-        self._coupling = coupling(model)
-        self._kinematics: Kinematics | None = None
+        self._kinematics: Kinematics | None = None  # room for so many frames, nothing else
+
+    def prepare(self, targets: Targets, clearance: Clearance | None = None) -> NumericProblem:
+        """Return the problem of some targets; see :class:`mjmotion.ik.solver.IKSolver`."""
+        return NumericProblem(self, targets, clearance)
+
+    def pose(self, qpos: Array, frames: NDArray[np.int64]) -> Pose:
+        """Return where everything is in poses (n, nq) at ``frames`` (n,) of the motion."""
+        if self.bones is not None and self.bones.nframe is not None:
+            if self._kinematics is None:
+                self._kinematics = Kinematics(self.model, self.bones.nframe, bones=self.bones)
+            return self._kinematics.forward(qpos, frames)
+        if self._kinematics is None or self._kinematics.nframe < len(qpos):
+            self._kinematics = Kinematics(self.model, len(qpos), bones=self.bones)
+        rows = None if self._kinematics.nframe == len(qpos) else np.arange(len(qpos))
+        return self._kinematics.forward(qpos, rows)
+
+
+class NumericProblem:
+    """Targets for :class:`NumericIK`; see :class:`mjmotion.ik.solver.SensitiveProblem`.
+
+    Args:
+      solver: the body, its rigidities and settings.
+      targets: what is to hold.
+      clearance: what to keep clear of.
+    """
+
+    def __init__(
+        self, solver: NumericIK, targets: Targets, clearance: Clearance | None = None
+    ) -> None:
+        self._solver, self._targets, self._clearance = solver, targets, clearance
+        self._model, self._coupling = solver.model, solver.character.coupling
+        self._serving = self._find_serving()
+        self._freedom = 1.0 / self._coupling.rigidity(solver.rigidity)
+        self._freedom[self._coupling.follower] = 0.0  # they have none of their own
+
+    def at(self, rows: NDArray[np.int64]) -> NumericProblem:
+        """Return the problem of some of the constrained frames."""
+        return NumericProblem(self._solver, self._targets.at(rows), self._clearance)
 
     def solve(
-        self,
-        qpos: Array,
-        targets: Targets,
-        inequalities: Clearance | None = None,
-        deviation: Array | None = None,
+        self, qpos: Array, last: Solution | None = None, deviation: Deviation | None = None
     ) -> Solution:
-        """Return the least displacements towards ``targets``; see :class:`IKSolver`."""
-        freedom = np.broadcast_to(self._freedom(), (len(qpos), self.model.nv))
-        return self._descend(qpos, targets, inequalities, freedom, self.iterations, deviation)
+        """Return the least displacements towards the targets; nothing is kept of ``last``."""
+        freedom = np.broadcast_to(self._freedom, (len(qpos), self._model.nv))
+        before = np.zeros(freedom.shape) if deviation is None else deviation.values
+        return self._descend(qpos, self._clearance, freedom, self._solver.iterations, before)
 
-    def enforce(self, qpos: Array, targets: Targets) -> Solution:
-        """Return displacements that meet ``targets`` with the root nearly still (§4.4)."""
-        freedom = np.array(np.broadcast_to(self._freedom(), (len(qpos), self.model.nv)))
+    def enforce(self, qpos: Array) -> Solution:
+        """Return displacements that meet the targets with the root nearly still (§4.4)."""
+        freedom = np.tile(self._freedom, (len(qpos), 1))
         freedom[:, :6] *= 1e-3
-        return self._descend(qpos, targets, None, freedom, self.iterations + 4)
+        before = np.zeros(freedom.shape)
+        return self._descend(qpos, None, freedom, self._solver.iterations + 4, before)
 
     def sensitivity(
-        self, qpos: Array, targets: Targets, deviation: Array | None = None
+        self, qpos: Array, deviation: Deviation | None = None, last: Solution | None = None
     ) -> Sensitivity:
         """Return what the frames' deviations cost when their targets change; see the protocol.
 
         The multipliers of the least-deviation step are the gradient, and the inverse of its dual
         matrix the Hessian.
         """
-        pose = self._pose(qpos, targets.frames)
-        dofs = self._dofs(targets, everything=False)
-        jacobian, error, compliance = self._equalities(pose, targets, dofs)
+        targets, dofs = self._targets, self._serving
+        jacobian, error, compliance = self._equalities(self._pose(qpos), dofs)
         if deviation is not None:
-            error = error + (jacobian @ np.nan_to_num(deviation[:, dofs, None]))[..., 0]
-        dual = (jacobian * self._freedom()[dofs]) @ np.swapaxes(jacobian, 1, 2)
+            error = error + (jacobian @ deviation.values[:, dofs, None])[..., 0]
+        dual = (jacobian * self._freedom[dofs]) @ np.swapaxes(jacobian, 1, 2)
         index = np.arange(dual.shape[1])
         dual[:, index, index] += compliance + _RIDGE
         inverse = np.linalg.inv(dual)
@@ -119,57 +153,38 @@ class NumericIK:
         shape = (count, len(targets.sites), 6)
         return Sensitivity(gradient.reshape(shape), hessian.reshape(*shape, *shape[1:]))
 
-    def _freedom(self) -> Array:
-        """Inverse rigidity (nv,); joints that follow others have none of their own."""
-        freedom = 1.0 / self._coupling.weights(self.weights)
-        freedom[self._coupling.follower] = 0.0
-        return np.asarray(freedom)
-
-    def _pose(self, qpos: Array, frames: NDArray[np.int64]) -> Pose:
-        if self.bones is not None and self.bones.nframe is not None:
-            if self._kinematics is None:
-                self._kinematics = Kinematics(self.model, self.bones.nframe, bones=self.bones)
-            return self._kinematics.forward(qpos, frames)
-        if self._kinematics is None or self._kinematics.nframe < len(qpos):
-            self._kinematics = Kinematics(self.model, len(qpos), bones=self.bones)
-        rows = None if self._kinematics.nframe == len(qpos) else np.arange(len(qpos))
-        return self._kinematics.forward(qpos, rows)
+    def _pose(self, qpos: Array) -> Pose:
+        return self._solver.pose(qpos, self._targets.frames)
 
     def _descend(
         self,
         qpos: Array,
-        targets: Targets,
-        inequalities: Clearance | None,
+        clearance: Clearance | None,
         freedom: Array,
         iterations: int,
-        deviation: Array | None = None,
+        before: Array,
     ) -> Solution:
-        displacement = np.zeros((len(qpos), self.model.nv))
-        before = np.zeros_like(displacement) if deviation is None else np.nan_to_num(deviation)
+        """Take Gauss–Newton steps from poses (n, nq) that deviate by ``before`` (n, nv) already."""
+        displacement = np.zeros((len(qpos), self._model.nv))
         first_error = np.zeros(len(qpos))
-        dofs = self._dofs(targets, inequalities is not None)
-        moved = qpos
-        kept = _Kept(np.empty(0, np.int64), np.empty((0, self.model.nv)), np.empty(0))
+        dofs = self._serving if clearance is None else np.arange(self._model.nv)
+        frames, moved = self._targets.frames, qpos
+        kept = _Kept(np.empty(0, np.int64), np.empty((0, self._model.nv)), np.empty(0))
         for iteration in range(iterations):
-            pose = self._pose(moved, targets.frames)
+            pose = self._pose(moved)
             if iteration == 0:
-                first_error = position_error(pose, targets)
-            jacobian, error, compliance = self._equalities(pose, targets, dofs)
-            step, _ = least_deviation(
-                *(jacobian, error, compliance, freedom[:, dofs]),
-                (before + displacement)[:, dofs],
-            )
-            if inequalities is not None:
-                kept = _remembered(kept, inequalities(moved, targets.frames), displacement)
+                first_error = position_error(pose, self._targets)
+            jacobian, error, compliance = self._equalities(pose, dofs)
+            so_far = (before + displacement)[:, dofs]
+            step, _ = least_deviation(jacobian, error, compliance, freedom[:, dofs], so_far)
+            if clearance is not None:
+                kept = _remembered(kept, clearance(moved, frames), displacement)
                 if len(kept.frame):
                     rows, extended = _append(kept, displacement, jacobian, error, compliance, dofs)
                     step[rows] = _least_with_inequalities(
-                        extended,
-                        jacobian.shape[1],
-                        freedom[rows][:, dofs],
-                        (before + displacement)[rows][:, dofs],
+                        extended, jacobian.shape[1], freedom[rows][:, dofs], so_far[rows]
                     )
-            change = step - (before + displacement)[:, dofs]
+            change = step - so_far
             size = np.max(np.abs(change), axis=1, initial=0.0)
             change *= np.minimum(1.0, STEP_LIMIT / np.maximum(size, 1e-12))[:, None]
             displacement[:, dofs] += change
@@ -178,26 +193,23 @@ class NumericIK:
             moved, displacement, freedom = self._within_limits(qpos, displacement, freedom)
         return Solution(displacement, first_error, pushed=np.isin(np.arange(len(qpos)), kept.frame))
 
-    def _dofs(self, targets: Targets, everything: bool) -> NDArray[np.int64]:
+    def _find_serving(self) -> NDArray[np.int64]:
         """Degrees of freedom that can serve: those that move a constrained site."""
-        if everything:
-            return np.arange(self.model.nv)
-        moves = np.zeros(self.model.nv, dtype=bool)
-        sites = [*targets.sites, *(site for link in targets.links for site in (link.site, link.to))]
-        for site in [*sites, *(gaze.site for gaze in targets.gazes)]:
-            moves |= body_dofs(self.model, int(self.model.site_bodyid[site]))
+        targets, model = self._targets, self._model
+        moves = np.zeros(model.nv, dtype=bool)
+        sites = [*targets.sites, *(one.site for one in targets.look_at)]
+        sites += [site for one in targets.relative for site in (one.site, one.to)]
+        for site in sites:
+            moves |= body_dofs(model, int(model.site_bodyid[site]))
         moves[self._coupling.leader[moves[self._coupling.follower]]] = True
         return np.flatnonzero(moves)
 
-    def _equalities(
-        self, pose: Pose, targets: Targets, dofs: NDArray[np.int64]
-    ) -> tuple[Array, Array, Array]:
+    def _equalities(self, pose: Pose, dofs: NDArray[np.int64]) -> tuple[Array, Array, Array]:
         """Rows (n, e, k), errors (n, e) and compliances (n, e) of all targets; absent rows 0."""
+        targets, model = self._targets, self._model
         jacobians, errors, weights = [], [], []
         for column, site in enumerate(targets.sites):
-            jacp, jacr = pose.jacobian(
-                pose.site_xpos[:, site], int(self.model.site_bodyid[site]), dofs
-            )
+            jacp, jacr = pose.jacobian(pose.site_xpos[:, site], int(model.site_bodyid[site]), dofs)
             if targets.position_weight[:, column].any():
                 jacobians.append(jacp)
                 errors.append(targets.position[:, column] - pose.site_xpos[:, site])
@@ -207,8 +219,8 @@ class NumericIK:
                 jacobians.append(jacr)
                 errors.append(log(from_matrix(turn)))
                 weights.append(np.repeat(targets.turn_weight[:, column, None], 3, axis=1))
-        more = [link_rows(pose, link, dofs) for link in targets.links]
-        more += [gaze_rows(pose, gaze, dofs) for gaze in targets.gazes]
+        more = [relative_rows(pose, one, dofs) for one in targets.relative]
+        more += [look_at_rows(pose, one, dofs) for one in targets.look_at]
         for rows, error, held in more:
             jacobians.append(rows)
             errors.append(error)
@@ -221,7 +233,7 @@ class NumericIK:
         compliance = np.where(present, _SOFT * (1.0 / np.maximum(weight, 1e-6) - 1.0), 1.0)
         jacobian = np.concatenate(jacobians, axis=1)
         if self._coupling:
-            whole = np.zeros((*jacobian.shape[:2], self.model.nv))
+            whole = np.zeros((*jacobian.shape[:2], model.nv))
             whole[..., dofs] = jacobian
             jacobian = self._coupling.gather(whole)[..., dofs]
         return (
@@ -234,23 +246,23 @@ class NumericIK:
         self, qpos: Array, displacement: Array, freedom: Array
     ) -> tuple[Array, Array, Array]:
         """Put joints that left their range on its edge and hold them there."""
-        moved = oplus(self.model, qpos, displacement)
-        clamped = inside = limits.clamp_to_limits(self.model, moved)
+        moved = oplus(self._model, qpos, displacement)
+        clamped = inside = self._solver.character.limits.clamp(moved)
         if self._coupling:
-            clamped = couple(self.model, inside)
+            clamped = self._coupling.couple(inside)
         wrong = np.flatnonzero(np.abs(clamped - moved).max(axis=1) > _LIMIT_TOLERANCE)
         if len(wrong) == 0:
             return moved, displacement, freedom
         displacement, freedom = displacement.copy(), np.array(freedom)
-        edge = ominus(self.model, clamped[wrong], qpos[wrong])
+        edge = ominus(self._model, clamped[wrong], qpos[wrong])
         off = np.abs(edge - displacement[wrong])
         if self._coupling:
             # Shares are put right in every step; a limit that one of them reaches holds them all.
-            off = self._coupling.gather(np.abs(ominus(self.model, inside[wrong], moved[wrong])))
+            off = self._coupling.gather(np.abs(ominus(self._model, inside[wrong], moved[wrong])))
         moved[wrong] = clamped[wrong]
         # A ball is held as a whole: its three numbers are one joint.
-        for joint in range(self.model.njnt):
-            columns = np.flatnonzero(self.model.dof_jntid == joint)
+        for joint in range(self._model.njnt):
+            columns = np.flatnonzero(self._model.dof_jntid == joint)
             hit = (off[:, columns] > _LIMIT_TOLERANCE).any(axis=1)
             if joint > 0 and hit.any():
                 freedom[np.ix_(wrong[hit], columns)] = 0.0

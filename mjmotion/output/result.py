@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 
-import mujoco
-
 from mjmotion.body.morph_body import MorphBody
 from mjmotion.body.motion import Motion
-from mjmotion.fitting import Trace, Unmet
+from mjmotion.constraints.unmet import Unmet
+from mjmotion.fitting import Trace
 from mjmotion.footsteps.contacts import Contact
 
 
@@ -22,7 +21,6 @@ class Result:
       contacts: who stands when.
       trace: what the fit did.
       unmet: constraints that could not be met.
-      spec: character and scene in one.
       body: the body of every frame, where that changes (a morph).
     """
 
@@ -31,5 +29,4 @@ class Result:
     contacts: tuple[Contact, ...]
     trace: Trace
     unmet: tuple[Unmet, ...]
-    spec: mujoco.MjSpec
     body: MorphBody | None = None

@@ -155,7 +155,7 @@ def write_motions(folder: str | Path, adaptation: Result) -> None:
             body.save(folder / BODY)
     except OSError as error:
         raise OutputError(f"cannot write into '{folder}': {error.strerror or error}") from error
-    save_model(adaptation.spec, folder, MODEL)
+    save_model(adaptation.motion.character.spec, folder, MODEL)
 
 
 def write_results(

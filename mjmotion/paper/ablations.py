@@ -26,12 +26,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjmotion.body.kinematics import character_height
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import Targets, lay_out
-from mjmotion.fitting import contact_shift, residuals
-from mjmotion.ik.hybrid import HybridIK
-from mjmotion.ik.solver import Clearance, Solution
+from mjmotion.constraints.unmet import residuals
+from mjmotion.fitting import contact_shift
+from mjmotion.ik.hybrid import HybridIK, HybridProblem
+from mjmotion.ik.solver import Clearance, Deviation, Solution
 from mjmotion.numerics.bspline import Curve, basis_matrix, fit_level
 from mjmotion.numerics.tangent import ominus, oplus
 from mjmotion.paper.job import LEVELS, Job
@@ -110,7 +110,7 @@ def multilevel(job: Job) -> Motion:
 
 def interpolating(job: Job) -> Motion:
     """Fit one cubic spline through the displacements of all constrained frames."""
-    solver = Converged(job.motion.model, job.weights, bones=job.bones)
+    solver = Converged(job.motion.character, job.rigidity, bones=job.bones)
     # The same first guess: of itself the fit would smooth it by its own levels.
     shift = first_guess(job)[:, :3] - job.motion.qpos[:, :3]
     fitted = job.fit(solver, levels=(1.0,), exact=False, curve=through_all, first_guess=shift)
@@ -143,7 +143,7 @@ def one_large(job: Job) -> Motion:
         job.motion,
         job.constraints,
         first_guess=job.first_guess,
-        weights=job.weights,
+        rigidity=job.rigidity,
         bones=job.bones,
     ).motion
 
@@ -165,11 +165,11 @@ WAYS: Mapping[str, Mapping[str, Callable[[Job], Motion]]] = {
 }
 
 
-# Curves that fill a level in place of Eq. 2; spacing and passes mean nothing to some
+# Curves that fill a level in place of Eq. 2; frames_per_knot and passes mean nothing to some
 
 
 def through_all(
-    frames: ArrayLike, data: Array, nframe: int, spacing: float, *, passes: int = 1
+    frames: ArrayLike, data: Array, nframe: int, frames_per_knot: float, *, passes: int = 1
 ) -> Array:
     """Return the natural cubic spline through all data, level before the first and after the last.
 
@@ -177,7 +177,7 @@ def through_all(
       frames: (n,) frames that have data, rising.
       data: (n, k) values.
       nframe: frames of the result.
-      spacing: does not count: every data point is a knot.
+      frames_per_knot: does not count: every data point is a knot.
       passes: does not count.
 
     Returns:
@@ -193,7 +193,7 @@ def through_all(
 
 
 def pseudo_inverse(
-    frames: ArrayLike, data: Array, nframe: int, spacing: float, *, passes: int = 1
+    frames: ArrayLike, data: Array, nframe: int, frames_per_knot: float, *, passes: int = 1
 ) -> Array:
     """Return a level whose control points are the least-squares ones of least norm, all at once.
 
@@ -201,7 +201,7 @@ def pseudo_inverse(
       frames: (n,) frames that have data.
       data: (n, k) values.
       nframe: frames of the result.
-      spacing: frames a knot.
+      frames_per_knot: frames a knot.
       passes: does not count: once is the optimum.
 
     Returns:
@@ -209,14 +209,14 @@ def pseudo_inverse(
     """
     from scipy.linalg import lstsq
 
-    there = basis_matrix(frames, nframe, spacing).toarray()
+    there = basis_matrix(frames, nframe, frames_per_knot).toarray()
     # Complete orthogonal factorisation: the same solution as by singular values, sooner.
     control = lstsq(there, data, lapack_driver="gelsy", check_finite=False)[0]
-    return np.asarray(basis_matrix(np.arange(nframe), nframe, spacing) @ control)
+    return np.asarray(basis_matrix(np.arange(nframe), nframe, frames_per_knot) @ control)
 
 
 def normal_equations(
-    frames: ArrayLike, data: Array, nframe: int, spacing: float, *, passes: int = 1
+    frames: ArrayLike, data: Array, nframe: int, frames_per_knot: float, *, passes: int = 1
 ) -> Array:
     """Return what :func:`pseudo_inverse` does, all but for rounding, in time linear in frames.
 
@@ -225,36 +225,40 @@ def normal_equations(
     """
     from scipy.linalg import solveh_banded
 
-    there = basis_matrix(frames, nframe, spacing)
+    there = basis_matrix(frames, nframe, frames_per_knot)
     normal = there.T @ there
     band = np.zeros((4, there.shape[1]))
     for offset in range(4):
         band[3 - offset, offset:] = normal.diagonal(offset)
     band[3] += _RIDGE * band[3].max()
     control = solveh_banded(band, there.T @ data, check_finite=False)
-    return np.asarray(basis_matrix(np.arange(nframe), nframe, spacing) @ control)
+    return np.asarray(basis_matrix(np.arange(nframe), nframe, frames_per_knot) @ control)
 
 
 class Converged(HybridIK):
     """Hybrid IK that goes on until its targets are met: what an interpolating spline needs."""
 
+    def prepare(self, targets: Targets, clearance: Clearance | None = None) -> ConvergedProblem:
+        """Return the problem of some targets; see :class:`IKSolver`."""
+        return ConvergedProblem(self, targets, clearance)
+
+
+class ConvergedProblem(HybridProblem):
+    """The problem of :class:`Converged`."""
+
     def solve(
-        self,
-        qpos: Array,
-        targets: Targets,
-        inequalities: Clearance | None = None,
-        deviation: Array | None = None,
+        self, qpos: Array, last: Solution | None = None, deviation: Deviation | None = None
     ) -> Solution:
-        """Return displacements for poses (n, nq) at ``targets.frames``; see :class:`IKSolver`."""
-        first = solution = super().solve(qpos, targets, inequalities, deviation)
-        moved = qpos
+        """Return displacements for poses (n, nq) that meet the targets; see :class:`IKProblem`."""
+        model, moved = self._model, qpos
+        first = solution = super().solve(qpos, last, deviation)
         for _ in range(_MOST_STEPS):
-            moved = oplus(self.model, moved, solution.displacement)
-            solution = super().solve(moved, targets, inequalities, deviation)
+            moved = oplus(model, moved, solution.displacement)
+            solution = super().solve(moved, solution, deviation)
             if solution.error.max(initial=0.0) < _EXACT:
                 break
-        moved = oplus(self.model, moved, self.enforce(moved, targets).displacement)
-        return Solution(ominus(self.model, moved, qpos), first.error)
+        moved = oplus(model, moved, self.enforce(moved).displacement)
+        return Solution(ominus(model, moved, qpos), first.error)
 
 
 class Measure:
@@ -277,10 +281,10 @@ class Measure:
             comparison,
             name,
             seconds,
-            100.0 * error / character_height(self.model),
+            100.0 * error / job.motion.character.height,
             float(np.degrees(self.overshoot(motion).max(initial=0.0))),
             ratio(_rms(joint_jerk(motion)), self._source),
-            objective(motion, self.guess, job.weights),
+            objective(motion, self.guess, job.rigidity),
         )
 
     def overshoot(self, motion: Motion) -> Array:
@@ -293,9 +297,9 @@ class Measure:
         from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
         job, frames = self.job, self.targets.frames
-        solver = Converged(self.model, job.weights, bones=job.bones)
+        solver = Converged(job.motion.character, job.rigidity, bones=job.bones)
         data = np.zeros((job.nframe, self.model.nv))
-        data[frames] = solver.solve(self.guess[frames], self.targets).displacement
+        data[frames] = solver.prepare(self.targets).solve(self.guess[frames]).displacement
         data = data[:, self.joints]
         size = 2 * WINDOW + 1
         low = minimum_filter1d(np.minimum(data, 0.0), size, axis=0, mode="constant")

@@ -1,6 +1,6 @@
 """The paper's own numeric solver (§5.1), kept as a slow reference to compare the others with.
 
-    result = fit(motion, constraints, ik=ConjugateGradientIK(motion.model))
+    result = fit(motion, constraints, ik=ConjugateGradientIK(motion.character))
 
 Each frame is solved by itself. The unknown is the displacement x from the pose handed in (Eq. 5),
 so quaternions need no constraint of their own, and what is minimised is Eq. 6,
@@ -17,15 +17,17 @@ Jacobians are MuJoCo's own, frame by frame.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjmotion.body import joint_limits as limits
+from mjmotion.body.character import Character, CharacterLike
+from mjmotion.body.joint_limits import swing_twist
 from mjmotion.constraints import Targets
-from mjmotion.ik.solver import Clearance, Solution, default_weights
+from mjmotion.ik.solver import Clearance, Deviation, Solution, default_rigidity
 from mjmotion.numerics.rotations import from_matrix, log
 
 Array = NDArray[np.float64]
@@ -44,52 +46,71 @@ class ConjugateGradientIK:
     """Penalties and conjugate gradients, one frame after the other; see :class:`IKSolver`.
 
     Args:
-      model: any MuJoCo model with a free root.
-      weights: (nv,) rigidity, the diagonal of M; :func:`default_weights` without.
+      character: any character.
+      rigidity: (nv,) the diagonal of M; :func:`default_rigidity` without.
       penalties: ω of Eq. 6, growing.
     """
 
     def __init__(
         self,
-        model: mujoco.MjModel,
-        weights: ArrayLike | None = None,
+        character: CharacterLike,
+        rigidity: ArrayLike | None = None,
         penalties: Sequence[float] = PENALTIES,
     ) -> None:
-        self.model = model
-        self.weights = (
-            default_weights(model) if weights is None else np.asarray(weights, dtype=np.float64)
+        self.character = Character.of(character)
+        self.model = self.character.model
+        self.rigidity = (
+            default_rigidity(self.model)
+            if rigidity is None
+            else np.asarray(rigidity, dtype=np.float64)
         )
         self.penalties = tuple(penalties)
 
+    def prepare(
+        self, targets: Targets, clearance: Clearance | None = None
+    ) -> ConjugateGradientProblem:
+        """Return the problem of some targets; see :class:`IKSolver`."""
+        return ConjugateGradientProblem(self, targets, clearance)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ConjugateGradientProblem:
+    """Targets for :class:`ConjugateGradientIK`; see :class:`mjmotion.ik.solver.IKProblem`.
+
+    It does not say what its targets cost: targets that are free to move are not for it.
+    """
+
+    solver: ConjugateGradientIK
+    targets: Targets
+    clearance: Clearance | None = None
+
     def solve(
-        self, qpos: Array, targets: Targets, inequalities: Clearance | None = None
+        self, qpos: Array, last: Solution | None = None, deviation: Deviation | None = None
     ) -> Solution:
-        """Return the least displacements towards ``targets``; see :class:`IKSolver`."""
-        return self._minimise(qpos, targets, inequalities, self.weights)
+        """Return the least displacements towards the targets; nothing is kept of ``last``."""
+        return self._minimise(qpos, self.clearance, self.solver.rigidity)
 
-    def enforce(self, qpos: Array, targets: Targets) -> Solution:
-        """Return displacements that meet ``targets`` with the root nearly still (§4.4)."""
-        weights = self.weights.copy()
-        weights[:6] *= ROOT_STIFFER
-        return self._minimise(qpos, targets, None, weights)
+    def enforce(self, qpos: Array) -> Solution:
+        """Return displacements that meet the targets with the root nearly still (§4.4)."""
+        rigidity = self.solver.rigidity.copy()
+        rigidity[:6] *= ROOT_STIFFER
+        return self._minimise(qpos, None, rigidity)
 
-    def _minimise(
-        self, qpos: Array, targets: Targets, inequalities: Clearance | None, weights: Array
-    ) -> Solution:
+    def _minimise(self, qpos: Array, clearance: Clearance | None, rigidity: Array) -> Solution:
         from scipy.optimize import minimize
 
-        displacement = np.zeros((len(qpos), self.model.nv))
+        penalties, nv = self.solver.penalties, self.solver.model.nv
+        displacement = np.zeros((len(qpos), nv))
         error = np.zeros(len(qpos))
-        scale = 1.0 / np.sqrt(weights)  # in x / scale, M is the identity: fewer steps
+        scale = 1.0 / np.sqrt(rigidity)  # in x / scale, M is the identity: fewer steps
         for row, pose in enumerate(qpos):
-            objective = PenaltyObjective(
-                self.model, pose, targets.at(np.array([row])), weights, inequalities
-            )
+            targets = self.targets.at(np.array([row]))
+            objective = PenaltyObjective(self.solver.character, pose, targets, rigidity, clearance)
             error[row] = objective.position_error()
-            if objective(displacement[row], self.penalties[-1])[0] == 0.0:
+            if objective(displacement[row], penalties[-1])[0] == 0.0:
                 continue  # nothing is broken, so no displacement is the least
-            scaled = np.zeros(self.model.nv)
-            for penalty in self.penalties:
+            scaled = np.zeros(nv)
+            for penalty in penalties:
 
                 def scaled_objective(
                     y: Array, goal: PenaltyObjective = objective, omega: float = penalty
@@ -113,28 +134,28 @@ class PenaltyObjective:
     """Eq. 6 of one frame: value and gradient over its displacement (Eq. 5).
 
     Args:
-      model: the model.
+      character: the body.
       qpos: (nq,) the reference pose, m_{k-1}(t_j) of Eq. 4.
       targets: of this frame alone.
-      weights: (nv,) diagonal of M.
-      inequalities: what to keep clear of.
+      rigidity: (nv,) diagonal of M.
+      clearance: what to keep clear of.
     """
 
     def __init__(
         self,
-        model: mujoco.MjModel,
+        character: Character,
         qpos: Array,
         targets: Targets,
-        weights: Array,
-        inequalities: Clearance | None = None,
+        rigidity: Array,
+        clearance: Clearance | None = None,
     ) -> None:
-        self.model = model
+        self.model = model = character.model
         self.reference = np.array(qpos, dtype=np.float64)
         self.targets = targets
-        self.weights = weights
-        self.inequalities = inequalities
+        self.rigidity = rigidity
+        self.clearance = clearance
         self._data = mujoco.MjData(model)
-        boxes = limits.ball_limits(model)
+        boxes = character.limits.boxes
         self._boxed = np.array(sorted(boxes), dtype=np.int64)
         self._boxed_qpos = model.jnt_qposadr[self._boxed][:, None] + np.arange(4)
         self._low, self._high = np.moveaxis(
@@ -162,7 +183,7 @@ class PenaltyObjective:
         for part in (self._equalities, self._clearances, self._limits):
             more, gradient = part(moved, penalty)
             value, slope = value + more, slope + gradient
-        own = self.weights * displacement
+        own = self.rigidity * displacement
         return 0.5 * float(own @ displacement) + value, own + self._pull_back(displacement, slope)
 
     def _forward(self, qpos: Array) -> None:
@@ -192,9 +213,9 @@ class PenaltyObjective:
 
     def _clearances(self, moved: Array, penalty: float) -> tuple[float, Array]:
         """Σ ω min(c, 0)² with c = −needed."""
-        if self.inequalities is None:
+        if self.clearance is None:
             return 0.0, np.zeros(self.model.nv)
-        broken = self.inequalities(moved[None], self.targets.frames)
+        broken = self.clearance(moved[None], self.targets.frames)
         needed = np.maximum(broken.needed, 0.0)
         slope = -2.0 * penalty * (needed @ broken.rows)
         return penalty * float(needed @ needed), np.asarray(slope).reshape(self.model.nv)
@@ -205,7 +226,7 @@ class PenaltyObjective:
         value, slope = 0.0, np.zeros(model.nv)
         if len(self._boxed):
             quats = moved[self._boxed_qpos]
-            angles = limits.swing_twist(quats)
+            angles = swing_twist(quats)
             outside = angles - np.clip(angles, self._low, self._high)
             value += penalty * float(np.sum(outside * outside))
             for ball in np.flatnonzero(outside.any(axis=1)):
@@ -270,7 +291,7 @@ def swing_twist_jacobian(quat: Array) -> Array:
     real, swung = np.hypot(w, z), np.hypot(x, y)
     if real < 1e-9:  # a swing of π: its direction and the twist are not defined
         return np.zeros((3, 3))
-    # swing = factor (x w − y z, x z + y w), factor = angle / (swung real), as in limits.swing_twist
+    # swing = factor (x w − y z, x z + y w), factor = angle / (swung real), as in joint_limits.swing_twist
     if swung > 1e-6:
         factor = 2.0 * np.arctan2(swung, real) / (swung * real)
         by_swung, by_real = (2.0 - factor) / swung, -(2.0 + factor) / real

@@ -19,7 +19,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
 from mjmotion.fitting import Fit, fit
 from mjmotion.footsteps.contacts import Contact
-from mjmotion.ik import parameters
+from mjmotion.ik import make_solver, parameters
 from mjmotion.ik.solver import IKSolver
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ class Job:
       motion: the motion before the first guess.
       constraints: what must hold.
       first_guess: the root's shift (nframe, 3) [m], or whether to make it of the contacts (§4.5).
-      weights: (nv,) rigidity α of Eq. 4, or None for the default.
+      rigidity: (nv,) α of Eq. 4, or None for the default.
       bones: a body for each frame, where it changes.
       contacts: who stands or holds on when.
       source: the motion as it was, to compare with; the same as ``motion`` where None.
@@ -46,7 +46,7 @@ class Job:
     motion: Motion
     constraints: tuple[SiteConstraint, ...]
     first_guess: Array | bool = True
-    weights: Array | None = None
+    rigidity: Array | None = None
     bones: Bones | None = None
     contacts: tuple[Contact, ...] = ()
     source: Motion | None = None
@@ -64,12 +64,12 @@ class Job:
     @property
     def ndof(self) -> int:
         """Degrees of freedom that serve."""
-        return parameters(self.motion.model, self._sites)[0]
+        return parameters(self.motion.character, self._sites)[0]
 
     @property
     def nreduced(self) -> int:
         """Parameters that hybrid IK is left with."""
-        return parameters(self.motion.model, self._sites)[1]
+        return parameters(self.motion.character, self._sites)[1]
 
     @property
     def _sites(self) -> list[str]:
@@ -87,9 +87,6 @@ class Job:
         self, ik: str | IKSolver = "hybrid", levels: Sequence[float] = LEVELS, **more: Any
     ) -> Fit:
         """Fit the motion (Algorithm 1); ``more`` goes to :func:`mjmotion.fitting.fit`."""
-        settings: dict[str, Any] = {
-            "first_guess": self.first_guess,
-            "weights": self.weights,
-            "bones": self.bones,
-        }
-        return fit(self.motion, self.constraints, ik=ik, levels=levels, **{**settings, **more})
+        solver = make_solver(self.motion.character, ik, self.rigidity, self.bones)
+        settings: dict[str, Any] = {"first_guess": self.first_guess, "tolerance": 0.0, **more}
+        return fit(self.motion, self.constraints, ik=solver, levels=levels, **settings)

@@ -12,17 +12,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.apps.adaptation import stiff_root
+from mjmotion.apps.adaptation import FitSettings, stiff_root
 from mjmotion.apps.morph import MorphBody, Stride, find_stride, fit_stride
-from mjmotion.body.assets import find_asset
+from mjmotion.body.character import CharacterLike
 from mjmotion.body.motion import Motion
 from mjmotion.body.proportions import Proportions, make_character
 from mjmotion.clips.gait import make_walk
@@ -48,23 +46,23 @@ KEYS: tuple[tuple[int, Mapping[str, float]], ...] = (
 
 
 class Walk(NamedTuple):
-    """The walk that is morphed: motion, who stands when, and the character's MJCF file."""
+    """A walk and who stands in it when."""
 
     motion: Motion
     contacts: tuple[Contact, ...]
-    character: Path
 
 
-def paper_walk(character: str | Path | None = None) -> Walk:
-    """Return the walk of the job, on the humanoid or another character with its joints.
+def paper_walk(character: CharacterLike = "humanoid") -> Walk:
+    """Return the paper's 62 frames of a walk.
+
+    Args:
+      character: the humanoid, or one of its joints.
 
     Raises:
       ModelError: no such character, or it lacks joints of the humanoid.
     """
-    file = find_asset("model", character or "humanoid")
-    model = mujoco.MjModel.from_xml_path(str(file))
     whole = make_walk(
-        model,
+        character,
         segments=[Segment("straight", STRIDES)],
         stride=STRIDE,
         speed=STRIDE * CADENCE,
@@ -76,14 +74,13 @@ def paper_walk(character: str | Path | None = None) -> Walk:
         for one in detect_contacts(whole)
         if one.end > FIRST and one.start < FIRST + FRAMES
     )
-    motion = Motion(model, whole.qpos[FIRST : FIRST + FRAMES], whole.fps)
-    return Walk(motion, contacts, file)
+    return Walk(whole.replace(whole.qpos[FIRST : FIRST + FRAMES]), contacts)
 
 
 def paper_body(walk: Walk) -> MorphBody:
-    """Return the body of every frame of the job."""
+    """Return the body that changes as the paper's does: long legs, then short ones."""
     keys = [
-        (frame, make_character(walk.character, Proportions(**factors)).compile())
+        (frame, make_character(walk.motion.character, Proportions(**factors)).model)
         for frame, factors in KEYS
     ]
     return MorphBody.between(walk.motion.model, keys, walk.motion.nframe)
@@ -110,7 +107,8 @@ class MorphJob(Job):
         """
         if more or not isinstance(ik, str) or self.stride is None or self.body is None:
             return super().fit(ik, levels, **more)
-        return fit_stride(self.stride, self.body, levels=levels, ik=ik)
+        settings = FitSettings(levels, tolerance=0.0, ik=ik)
+        return fit_stride(self.stride, self.body, settings)
 
 
 def make_job() -> MorphJob:
@@ -123,7 +121,7 @@ def make_job() -> MorphJob:
         walk.motion,
         tuple(stride.constraints()),
         first_guess=stride.shift,
-        weights=stiff_root(walk.motion.model),
+        rigidity=stiff_root(walk.motion.character),
         bones=body.bones,
         contacts=walk.contacts,
         stride=stride,

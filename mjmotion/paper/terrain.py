@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from mjmotion.clips import load_clip
-from mjmotion.footsteps.plan import plan
+from mjmotion.footsteps.plan import make_plan
 from mjmotion.paper.job import Job
 from mjmotion.scene import load_scene
 
@@ -17,11 +17,11 @@ def make_job(clip: str = "walk", scene: str = "terrain") -> Job:
     Raises:
       ClipError, SceneError: there is no such clip or scene, or no ground under the walk.
     """
-    what = plan(load_clip(clip), load_scene(scene))
+    plan = make_plan(load_clip(clip), load_scene(scene))
     return Job(
         "walking on rough terrain",
-        what.source,
-        tuple(what.constraints()),
-        first_guess=what.root_shift,
-        contacts=what.contacts,
+        plan.source,
+        tuple(plan.constraints()),
+        first_guess=plan.root_shift,
+        contacts=plan.contacts,
     )

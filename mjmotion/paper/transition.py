@@ -10,11 +10,10 @@ its toe stands and free while it swings: 139 frames of feet, 834 scalar constrai
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
 from mjmotion.apps.transition import Overlap, blend_clips, join
-from mjmotion.body.assets import find_asset
+from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.clips.gait import make_walk
@@ -22,7 +21,7 @@ from mjmotion.clips.gait_plan import Segment
 from mjmotion.clips.sneak import make_sneak
 from mjmotion.constraints import SiteConstraint
 from mjmotion.footsteps.contacts import Contact
-from mjmotion.footsteps.plan import plan
+from mjmotion.footsteps.plan import make_plan
 from mjmotion.output.result import Result
 from mjmotion.paper.job import Job
 from mjmotion.scene import load_scene
@@ -35,12 +34,11 @@ WALK = ("start", "straight", "turn_left", "turn_right", "stop")  # clips of the 
 DUTY = 0.57  # share of a stride that a foot stands in the walk
 
 
-def make_clips(model: mujoco.MjModel | None = None) -> tuple[Motion, Motion]:
+def make_clips(character: CharacterLike = "humanoid") -> tuple[Motion, Motion]:
     """Return the walk and the sneaking that the job is made of, on the humanoid."""
-    if model is None:
-        model = mujoco.MjModel.from_xml_path(str(find_asset("model", "humanoid")))
-    walk = make_walk(model, segments=[Segment("straight", STRIDES[0])], duty=DUTY)
-    return walk, make_sneak(model, strides=STRIDES[1])
+    character = Character.of(character)
+    walk = make_walk(character, segments=[Segment("straight", STRIDES[0])], duty=DUTY)
+    return walk, make_sneak(character, strides=STRIDES[1])
 
 
 def make_job() -> Job:
@@ -53,22 +51,27 @@ def make_job() -> Job:
         for one in whole.contacts
         if one.end > FIRST and one.start < FIRST + FRAMES
     )
-    motion = Motion(walk.model, whole.motion.qpos[FIRST : FIRST + FRAMES], walk.fps)
-    what = plan(motion, load_scene("flat"), contacts)
+    motion = Motion(walk.character, whole.motion.qpos[FIRST : FIRST + FRAMES], walk.fps)
+    plan = make_plan(motion, load_scene("flat"), contacts)
     constraints = []
-    for path in what.paths:
+    for path in plan.paths:
         frames = np.flatnonzero(path.stance)
         constraints.append(
             SiteConstraint(
-                path.site, frames, path.position[frames], path.quat[frames], contact=True
+                path.site,
+                frames,
+                path.position[frames],
+                path.quat[frames],
+                contact=True,
+                source="scene",
             )
         )
     return Job(
         "transition",
-        what.source,
+        plan.source,
         tuple(constraints),
-        first_guess=what.root_shift,
-        contacts=what.contacts,
+        first_guess=plan.root_shift,
+        contacts=plan.contacts,
     )
 
 

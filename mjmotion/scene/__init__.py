@@ -13,16 +13,9 @@ from mjmotion.scene.builders import (
     stairs,
     terrain,
 )
-from mjmotion.scene.model import (
-    START_SITE,
-    Scene,
-    compose,
-    load_character,
-    load_scene,
-    scene_of,
-    with_ground,
-)
+from mjmotion.scene.compose import compose, scene_of, with_ground, without_scene
 from mjmotion.scene.save import save_model
+from mjmotion.scene.scene import START_SITE, Scene, SceneLike, load_scene
 
 __all__ = [
     "BUILDERS",
@@ -30,12 +23,12 @@ __all__ = [
     "START_SITE",
     "Doorway",
     "Scene",
+    "SceneLike",
     "blocks",
     "compose",
     "doors",
     "flat",
     "from_heights",
-    "load_character",
     "load_scene",
     "rope",
     "save_model",
@@ -44,4 +37,5 @@ __all__ = [
     "stairs",
     "terrain",
     "with_ground",
+    "without_scene",
 ]

@@ -1,6 +1,6 @@
 """What one stands on: heights and normals of a scene's static surfaces, by rays from above.
 
-    ground = Ground(scene)
+    ground = scene.ground
     height, normal = ground.under(points)      # points (n, 3): look down from a little above each
 
 Only static geoms that collide are ground; pictures and moving bodies are not.
@@ -9,14 +9,12 @@ Only static geoms that collide are ground; pictures and moving bodies are not.
 from __future__ import annotations
 
 import copy
-from functools import lru_cache
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.kinematics import RayCaster
-from mjmotion.scene.model import Scene
 
 Array = NDArray[np.float64]
 
@@ -25,10 +23,17 @@ STEEPEST = 0.35  # least upward part of a normal that can be stood on: about 70Â
 
 
 class Ground:
-    """Static surfaces of one scene; its ray casters are kept from one use to the next."""
+    """Static surfaces of one scene.
 
-    def __init__(self, scene: Scene) -> None:
-        self.model, self._rays, self._wall_rays = _casters(scene.model)
+    Args:
+      model: of the scene, without a character.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = solid_model(model)
+        walls = copy.copy(self.model)
+        walls.geom_rgba[walls.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD, 3] = 0.0
+        self._rays, self._wall_rays = RayCaster(self.model), RayCaster(walls)
 
     def under(self, points: Array) -> tuple[Array, Array]:
         """Return the surface under points, seen from :data:`LOOK_FROM` above each.
@@ -63,15 +68,6 @@ class Ground:
         direction = spans / np.maximum(length, 1e-9)[:, None]
         distance, _, _ = self._wall_rays.cast(origins, direction)
         return bool(((distance >= 0.0) & (distance < length + margin)).any())
-
-
-@lru_cache(maxsize=4)
-def _casters(model: mujoco.MjModel) -> tuple[mujoco.MjModel, RayCaster, RayCaster]:
-    """Return the solid model, rays against all of it, and rays against all but heightfields."""
-    solid = solid_model(model)
-    walls = copy.copy(solid)
-    walls.geom_rgba[walls.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD, 3] = 0.0
-    return solid, RayCaster(solid), RayCaster(walls)
 
 
 def solid_model(model: mujoco.MjModel) -> mujoco.MjModel:

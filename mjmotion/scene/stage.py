@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.exceptions import SceneError
-from mjmotion.scene.model import START_SITE, add_sky, add_sun
+from mjmotion.scene.compose import add_sky, add_sun
+from mjmotion.scene.scene import START_SITE
 
 GROUND = "ground"
 """Material of the ground: a tiled grid of half metres, so that a motion can be read from it."""

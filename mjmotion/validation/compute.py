@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.joint_limits import limit_excess, limit_names
+from mjmotion.body.joint_limits import JointLimits
 from mjmotion.body.morph_body import MorphBody
 from mjmotion.body.motion import Motion
 from mjmotion.footsteps.contacts import Contact
@@ -261,12 +261,13 @@ class _Validator:
 
     def joint_limits(self) -> None:
         """Excess over joint ranges."""
-        excess = limit_excess(self.model, self.motion.qpos)
+        limits = JointLimits(self.model)
+        excess = limits.excess(self.motion.qpos)
         self.per_frame["joint_limit_rad"] = excess.max(axis=1, initial=0.0)
         self.metrics["joint_limit_rad"] = float(excess.max(initial=0.0))
         if self.metrics["joint_limit_rad"] > 0:
             frame, i = np.unravel_index(excess.argmax(), excess.shape)
-            self.worst["joint_limit_rad"] = Worst(int(frame), limit_names(self.model)[i])
+            self.worst["joint_limit_rad"] = Worst(int(frame), limits.names[i])
 
     def jerks(self) -> None:
         """Third derivatives of joint angles, adapted over source."""

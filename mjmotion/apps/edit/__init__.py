@@ -1,6 +1,6 @@
 """Direct manipulation (§4.4, Figure 2): one frame changes, and the frames around follow smoothly.
 
-edited = edit_frame(motion, 60, "pelvis", by=(0.0, 0.0, -0.15), spacing=12, levels=4)
+edited = edit_frame(motion, 60, "pelvis", by=(0.0, 0.0, -0.15), levels=(12, 6, 3))
 edited.motion, edited.source, edited.unmet
 deformation(edited)                     # (nframe,) how far each frame was moved [m]
 """

@@ -8,28 +8,29 @@ change back to a spike. The later levels put the feet back; what they leave, the
 from __future__ import annotations
 
 import dataclasses
-import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
+import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.apps.edit.hold import HOLDS, Held, Hold, keep
 from mjmotion.apps.edit.pose import drag_pose
 from mjmotion.apps.edit.span import Span
-from mjmotion.body.joint_coupling import couple, coupling
-from mjmotion.body.joint_limits import limit_excess
-from mjmotion.body.kinematics import Kinematics, character_height, site_id, site_positions
-from mjmotion.body.limbs import find_limbs
+from mjmotion.body.kinematics import Kinematics, site_id, site_positions
 from mjmotion.body.motion import Motion
-from mjmotion.constraints import SiteConstraint, Targets, lay_out
+from mjmotion.clips import load_clip
+from mjmotion.constraints import SiteConstraint, lay_out
+from mjmotion.constraints.unmet import find_unmet, residuals
 from mjmotion.exceptions import ConstraintError, FitError, unknown_name
-from mjmotion.fitting import LevelTrace, Trace, find_unmet, residuals
-from mjmotion.fitting.exact import within_limits
+from mjmotion.fitting import TOLERANCE, Trace, run_level
+from mjmotion.fitting.levels import BETTER, check_levels
+from mjmotion.fitting.trace import Stopwatch
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
-from mjmotion.ik.hybrid import HybridIK
-from mjmotion.ik.solver import default_weights
+from mjmotion.ik import HybridIK, IKProblem, Solution
+from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.smoothing import envelope
 from mjmotion.numerics.tangent import ominus, oplus
 from mjmotion.output.result import Result
@@ -37,74 +38,70 @@ from mjmotion.scene import with_ground
 
 Array = NDArray[np.float64]
 
+LEVELS = (12.0, 6.0, 3.0, 1.5)  # frames a knot of each level
 ROOT_STIFFNESS = 200.0  # how much stiffer the root is after the first level, which moved it
-FINEST = 1.0  # frames a knot below which no level goes
-MET = 1e-4  # further levels follow while anything is off by more [m]
 REACH_TIME = 0.15  # scale on which the root sinks for a limb to reach [s]
 _REACH_ROUNDS = 2
-_EXTRA_LEVELS = 4  # at most, at the finest spacing
-_BETTER = 0.8  # a further level only while each leaves less than this share of the one before
+_EXTRA_LEVELS = 4  # at most, at the finest knots
 
 
-def edit_frame(
-    motion: Motion,
+def edit_frame(  # more than eight parameters: all but the first three have a default
+    motion: Motion | str | Path,
     frame: int,
     site: str | Sequence[str],
     *,
     by: ArrayLike | None = None,
     to: ArrayLike | None = None,
-    spacing: int = 12,
-    levels: int = 4,
+    levels: Sequence[float] = LEVELS,
+    tolerance: float = TOLERANCE,
     contacts: Sequence[Contact] | None = None,
     hold: Hold = "feet",
-    character: str | Path = "humanoid",
 ) -> Result:
-    """Drag sites at one frame; the frames covered by seven knots follow.
+    """Drag sites at one frame; the frames covered by seven knots of the first level follow.
 
     The whole pose is found by IK, so a pelvis that sinks bends the knees over feet that stay.
     Frames at the outermost of the seven knots and beyond stay to the bit.
 
     Args:
-      motion: the motion; it is not touched.
+      motion: the motion; it is not touched; or a file or built-in name. It gets a floor if it has
+        no ground.
       frame: which frame to change.
       site: what to drag, one or more sites.
       by: (3,) or one row a site, how far, along the world's axes [m].
       to: (3,) or one row a site, where to, in place of ``by`` [m].
-      spacing: frames between the knots of the first level: the change covers the frames less than
-        three spacings away.
-      levels: how many levels, each with knots half as far apart, down to one frame a knot.
+      levels: frames a knot of each level, coarse to fine, one or more each; the first a whole
+        number: the change covers the frames less than three knots of it away.
+      tolerance: further levels follow while anything is off by more [m].
       contacts: who stands when; found in the motion without.
       hold: what stays where it was within the range: ``"feet"``, both feet on their paths, on the
         ground and in the air, and whatever else has contacts; ``"contacts"``, what stands, while it
         stands; ``"frame"``, what stands at the edited frame, and feet may slide at others.
-      character: the MJCF of the motion's model; it gets a floor if it has no ground.
 
     Returns:
       The unedited motion as ``source`` and the edited one on the same model, who stands when, the
       levels, and what could not be met: a drag is followed as far as nothing that is held gives.
 
     Raises:
-      FitError: a frame that there is not, a spacing or number of levels below 1.
+      FitError: a frame that there is not, levels that make no sense.
       ConstraintError: neither or both of ``by`` and ``to``, or not one row a site.
-      ModelError: an unknown site, or a character with other joints than the motion's.
+      ModelError: an unknown site.
       ContactError: contacts that do not fit the motion.
     """
-    _check(motion, frame, spacing, levels, hold)
-    began = time.perf_counter()
-    spec = with_ground(character)
-    source = motion.on(spec.compile())
+    motion = motion if isinstance(motion, Motion) else load_clip(motion)
+    levels = _check(motion, frame, levels, hold)
+    source = motion.on(with_ground(motion.character))
     stands = (
         detect_contacts(source)
         if contacts is None
         else check_contacts(contacts, source.model, source.nframe)
     )
-    span = Span(frame, spacing, source.nframe)
+    span = Span(frame, int(levels[0]), source.nframe)
     drags = _drags(source, frame, [site] if isinstance(site, str) else list(site), by, to)
     held = keep(source, stands, span, drags, hold)
-    moved, held, trace = _Edit(source, span, held, drags).run(levels, began)
-    asked = lay_out([*held.constraints(), *drags], source.model, source.nframe)
-    unmet = find_unmet(moved, asked, residuals(moved, asked))
-    return Result(source, moved, held.contacts, trace, unmet, spec)
+    moved, held, trace = _Edit(source, span, held, drags).run(levels, tolerance)
+    asked = [*held.constraints(), *drags]
+    targets = lay_out(asked, source.model, source.nframe)
+    return Result(source, moved, held.contacts, trace, find_unmet(moved, targets, asked))
 
 
 def deformation(edited: Result) -> Array:
@@ -115,17 +112,21 @@ def deformation(edited: Result) -> Array:
     return np.asarray(np.linalg.norm(after - before, axis=-1).max(axis=1))
 
 
-def _check(motion: Motion, frame: int, spacing: int, levels: int, hold: str) -> None:
+def _check(motion: Motion, frame: int, levels: Sequence[float], hold: str) -> tuple[float, ...]:
+    """Return the levels, if they and the rest make sense."""
     if not 0 <= frame < motion.nframe:
         raise FitError(
             f"frame {frame} is not within the motion's 0 to {motion.nframe - 1}: give one of those"
         )
-    if spacing != int(spacing) or spacing < 1:
-        raise FitError(f"spacing {spacing} must be a whole number of frames, 1 or more")
-    if levels != int(levels) or levels < 1:
-        raise FitError(f"levels {levels} must be a whole number, 1 or more")
+    checked = check_levels(levels)
+    if checked[0] != int(checked[0]) or checked[-1] < 1.0:
+        raise FitError(
+            f"levels {list(checked)} of an edit must begin with a whole number of frames a knot,"
+            " and none may be below 1"
+        )
     if hold not in HOLDS:
         raise FitError(unknown_name("hold", hold, HOLDS))
+    return checked
 
 
 def _drags(
@@ -170,54 +171,56 @@ class _Edit:
     held: Held
     drags: list[SiteConstraint]
 
-    def run(self, levels: int, began: float) -> tuple[Motion, Held, Trace]:
+    def run(self, levels: Sequence[float], tolerance: float) -> tuple[Motion, Held, Trace]:
         """Return the edited motion, what it holds in the end, and what the levels did."""
-        model, span = self.source.model, self.span
-        percent = 100.0 / character_height(model)
-        start = time.perf_counter()
+        character, span = self.source.character, self.span
+        model, qpos = character.model, np.array(self.source.qpos)
+        watch = Stopwatch(character.height)
         pose, reached = self._pose()
-        qpos = np.array(self.source.qpos)
-        displacement = ominus(model, pose, qpos[span.frame : span.frame + 1])
-        self._move(qpos, np.array([span.frame]), displacement, float(span.spacing))
-        took = [(float(span.spacing), time.perf_counter() - start)]
-        held = self.held.given(self.source, self.source.replace(qpos), span.fade)
+        first = lay_out([*self.held.constraints(), *self.drags], model, self.source.nframe)
+        before = float(residuals(self.source, first).max(initial=0.0))
+        qpos = self._level(qpos, np.array([span.frame]), partial(_onto, model, pose), levels[0])
+        watch.level(levels[0], before)
+        held = self.held.relaxed(self.source, self.source.replace(qpos), span.fade)
         # The drags go on to hold what was reached: what is out of reach must not pull again.
         targets = lay_out([*held.constraints(), *reached], model, self.source.nframe)
-        first = lay_out([*held.constraints(), *self.drags], model, self.source.nframe)
-        before = float(residuals(self.source, first).max(initial=0.0))
-        weights = default_weights(model)
-        weights[:6] *= ROOT_STIFFNESS
-        solver = HybridIK(model, weights)
-        self._reach(qpos, solver, targets, far=reached is not self.drags)
-        errors: list[float] = []
-        spacings = [span.spacing / 2**level for level in range(1, levels)]
-        queue = [spacing for spacing in spacings if spacing >= FINEST]
-        most = 1 + len(queue) + (_EXTRA_LEVELS if levels > 1 else 0)
+        rigidity = default_rigidity(model)
+        rigidity[:6] *= ROOT_STIFFNESS
+        problem, frames = HybridIK(character, rigidity).prepare(targets), targets.frames
+        qpos = self._reach(qpos, problem, frames, far=reached is not self.drags)
+        watch.start()
+        last, errors = None, []
         while True:
-            start = time.perf_counter()
-            solution = solver.solve(qpos[targets.frames], targets)
-            errors.append(float(solution.error.max(initial=0.0)))
-            if not queue:
-                better = len(errors) < 2 or errors[-1] < _BETTER * errors[-2]
-                if errors[-1] <= MET or len(took) >= most or not better:
-                    break
-                queue.append(took[-1][0])
-            spacing = queue.pop(0)
-            self._move(qpos, targets.frames, solution.displacement, spacing)
-            took.append((spacing, time.perf_counter() - start))
-        closing = solver.enforce(qpos[targets.frames], targets).displacement
-        qpos[targets.frames] = oplus(model, qpos[targets.frames], closing)
+            last = problem.solve(qpos[frames], last)
+            errors.append(float(last.error.max(initial=0.0)))
+            frames_per_knot = _next_level(levels, len(watch), errors, tolerance)
+            if frames_per_knot is None:
+                break
+            qpos = self._level(qpos, frames, partial(_answered, last), frames_per_knot)
+            watch.level(frames_per_knot, errors[-1])
+        closing = problem.enforce(qpos[frames]).displacement
+        qpos[frames] = oplus(model, qpos[frames], closing)
         moved = self.source.replace(self._within_limits(qpos))
-        last = float(residuals(moved, targets).max(initial=0.0))
-        traced = tuple(
-            LevelTrace(number, spacing, seconds, percent * error)
-            for number, ((spacing, seconds), error) in enumerate(
-                zip(took, errors, strict=True), start=1
-            )
-        )
+        left = float(residuals(moved, targets).max(initial=0.0))
         nscalar = sum(one.nscalar for one in [*held.constraints(), *self.drags])
-        whole = time.perf_counter() - began
-        return moved, held, Trace(traced, whole, percent * before, percent * last, nscalar)
+        return moved, held, watch.trace(errors[-1], left, nscalar)
+
+    def _level(
+        self,
+        qpos: Array,
+        frames: NDArray[np.int64],
+        solve: Callable[[Array], Solution],
+        frames_per_knot: float,
+    ) -> Array:
+        """Return poses (nframe, nq) after one level, whose spline is at rest at the span's ends."""
+
+        def spline(solution: Solution) -> Array:
+            submap = np.zeros((len(qpos), self.source.model.nv))
+            spread = self.span.spread(frames, solution.displacement, frames_per_knot)
+            submap[self.span.frames] = spread
+            return submap
+
+        return run_level(self.source.character, qpos, frames, solve, spline).qpos
 
     def _pose(self) -> tuple[Array, list[SiteConstraint]]:
         """Return the edited frame's pose (1, nq), and drags to where it came."""
@@ -234,33 +237,26 @@ class _Edit:
             for drag, position in zip(self.drags, reached, strict=True)
         ]
 
-    def _move(
-        self, qpos: Array, frames: NDArray[np.int64], displacement: Array, spacing: float
-    ) -> None:
-        """Move poses (nframe, nq), in place, by one level's spline; it is at rest at the ends."""
-        within = self.span.frames
-        submap = self.span.spread(frames, displacement, spacing)
-        qpos[within] = oplus(self.source.model, qpos[within], submap)
-
-    def _reach(self, qpos: Array, solver: HybridIK, targets: Targets, far: bool) -> None:
-        """Let the root of poses (nframe, nq) sink or rise, in place, where a limb does not reach.
+    def _reach(
+        self, qpos: Array, problem: IKProblem, frames: NDArray[np.int64], far: bool
+    ) -> Array:
+        """Return poses (nframe, nq) whose root sinks or rises where a limb does not reach.
 
         Not outside the span, nor at the edited frame where the body was dragged. A limb that was
         dragged too far has drawn the body after it as far as the others reach: nothing gives.
         """
-        ends = {limb.end for limb in find_limbs(self.source.model)}
+        ends = set(self.source.character.limb_by_end)
         fixed = np.ones(len(qpos), dtype=bool)
         fixed[self.span.frames] = False
         dragged = {self._body(drag) for drag in self.drags}
         if far and dragged <= ends:
-            return
+            return qpos
         fixed[self.span.frame] = not dragged <= ends
-        frames = targets.frames
-        own = solver.enforce(self.source.qpos[frames], targets).rise
+        own, qpos = problem.enforce(self.source.qpos[frames]).rise, qpos.copy()
         for _ in range(_REACH_ROUNDS):
-            rise = solver.enforce(qpos[frames], targets).rise
+            rise = problem.enforce(qpos[frames]).rise
             if own is None or rise is None or not rise.any():
-                return
+                return qpos
             for sign in (1.0, -1.0):
                 need = np.zeros(len(qpos))
                 # Legs that were straight already are the source's own.
@@ -269,6 +265,7 @@ class _Edit:
                 if need.any():
                     give = sign * envelope(need, fixed, REACH_TIME * self.source.fps)
                     qpos[self.span.frames, 2] += give[self.span.frames]
+        return qpos
 
     def _body(self, drag: SiteConstraint) -> int:
         model = self.source.model
@@ -276,14 +273,38 @@ class _Edit:
 
     def _within_limits(self, qpos: Array) -> Array:
         """Return poses within joint limits, where the source was not further out itself."""
-        model, within = self.source.model, self.span.frames
+        character, within = self.source.character, self.span.frames
         qpos = qpos.copy()
-        if coupling(model):
-            qpos[within] = couple(model, qpos[within])
-        excess = limit_excess(model, qpos[within]).max(axis=1, initial=0.0)
-        worse = excess > limit_excess(model, self.source.qpos[within]).max(axis=1, initial=0.0)
-        qpos[within[worse]] = within_limits(self.source, qpos[within[worse]])
+        if character.coupling:
+            qpos[within] = character.coupling.couple(qpos[within])
+        limits = character.limits
+        excess = limits.excess(qpos[within]).max(axis=1, initial=0.0)
+        worse = excess > limits.excess(self.source.qpos[within]).max(axis=1, initial=0.0)
+        qpos[within[worse]] = character.within_limits(qpos[within[worse]])
         return qpos
 
 
-__all__ = ["deformation", "edit_frame"]
+def _onto(model: mujoco.MjModel, pose: Array, qpos: Array) -> Solution:
+    """Return what brings one pose (1, nq) on to another that is known: IK has found it already."""
+    return Solution(ominus(model, pose, qpos), np.zeros(1))
+
+
+def _answered(solution: Solution, qpos: Array) -> Solution:
+    """Return what was answered to poses (n, nq) before it was decided that a level follows."""
+    return solution
+
+
+def _next_level(
+    levels: Sequence[float], done: int, errors: Sequence[float], tolerance: float
+) -> float | None:
+    """Return frames a knot of the next level, or None; the finest again while that pays."""
+    if done < len(levels):
+        return levels[done]
+    better = len(errors) < 2 or errors[-1] < BETTER * errors[-2]
+    most = len(levels) + (_EXTRA_LEVELS if len(levels) > 1 else 0)
+    if errors[-1] <= tolerance or done >= most or not better:
+        return None
+    return levels[-1]
+
+
+__all__ = ["LEVELS", "deformation", "edit_frame"]

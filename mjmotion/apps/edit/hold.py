@@ -6,17 +6,17 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Literal
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.apps.edit.span import Span
-from mjmotion.body.feet import Foot, find_feet
+from mjmotion.body.character import Character
+from mjmotion.body.feet import Foot
 from mjmotion.body.kinematics import Kinematics, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import ModelError
-from mjmotion.footsteps.ankles import give, standing
+from mjmotion.footsteps.ankles import relax_ankles, trim_heel_contacts
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.paths import FootPath
 from mjmotion.numerics.rotations import (
@@ -55,7 +55,9 @@ class Held:
     def constraints(self) -> list[SiteConstraint]:
         """Return the feet posed at the frames at which they are held, and the others."""
         posed = [
-            SiteConstraint(path.site, at, path.position[at], path.quat[at], contact=True)
+            SiteConstraint(
+                path.site, at, path.position[at], path.quat[at], contact=True, source="scene"
+            )
             for path in self.paths
             if len(at := np.flatnonzero(path.stance))
         ]
@@ -83,7 +85,7 @@ class Held:
         )
         return Held(self.feet, paths, others, ())
 
-    def given(self, source: Motion, moved: Motion, fade: Array) -> Held:
+    def relaxed(self, source: Motion, moved: Motion, fade: Array) -> Held:
         """Return it with heels raised where the moved body's ankles could not follow otherwise.
 
         Args:
@@ -91,8 +93,8 @@ class Held:
           moved: the motion with its body where it is to be.
           fade: (nframe,) how much of that each frame may take.
         """
-        before, _ = give(source, self.feet, self.paths, ())
-        after, _ = give(moved, self.feet, self.paths, ())
+        before, _ = relax_ankles(source, self.feet, self.paths, ())
+        after, _ = relax_ankles(moved, self.feet, self.paths, ())
         paths, contacts = [], list(self.contacts)
         for foot, path, old, new in zip(self.feet, self.paths, before, after, strict=True):
             # What the source lacked already is its own.
@@ -103,7 +105,7 @@ class Held:
             quat = multiply(path.quat, exp(turn))
             position = path.position + rotate(path.quat, foot.toe) - rotate(quat, foot.toe)
             paths.append(dataclasses.replace(path, position=position, quat=quat))
-            contacts = standing(contacts, foot, path, paths[-1], SHORTEST * source.fps)
+            contacts = trim_heel_contacts(contacts, foot, path, paths[-1], SHORTEST * source.fps)
         return dataclasses.replace(self, paths=tuple(paths), contacts=tuple(contacts))
 
 
@@ -131,7 +133,7 @@ def keep(
     dragged = {int(model.site_bodyid[site_id(model, drag.site)]) for drag in drags}
     allowed = np.zeros(motion.nframe, dtype=bool)
     allowed[[span.frame] if hold == "frame" else span.frames] = True
-    feet = {foot.body: foot for foot in _feet(model)}
+    feet = {foot.body: foot for foot in _feet(motion.character)}
     stands = {body: np.zeros(motion.nframe, dtype=bool) for body in feet}
     others, left = [], []
     for contact in contacts:
@@ -147,7 +149,8 @@ def keep(
             stands[body] |= within
         elif within.any():
             at = np.flatnonzero(within)
-            others.append(SiteConstraint(contact.site, at, pose.site_xpos[at, index], contact=True))
+            place = pose.site_xpos[at, index]
+            others.append(SiteConstraint(contact.site, at, place, contact=True, source="scene"))
     paths = []
     for body, foot in feet.items():
         held = allowed if hold == "feet" and body not in dragged else stands[body]
@@ -173,9 +176,9 @@ def _outside(contact: Contact, span: Span) -> list[Contact]:
     return [part for part in (before, after) if part.end - part.start > 1]
 
 
-def _feet(model: mujoco.MjModel) -> tuple[Foot, ...]:
+def _feet(character: Character) -> tuple[Foot, ...]:
     """Return the feet; none where the model has none that can be posed."""
     try:
-        return find_feet(model)
+        return character.feet
     except ModelError:
         return ()

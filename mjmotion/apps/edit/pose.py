@@ -9,16 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.apps.edit.hold import Held
-from mjmotion.body.joint_coupling import couple, coupling
-from mjmotion.body.joint_limits import limit_excess
 from mjmotion.body.kinematics import Kinematics, body_dofs, site_id, site_positions
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint, Targets, lay_out
-from mjmotion.fitting import residuals
-from mjmotion.fitting.exact import within_limits
+from mjmotion.constraints.unmet import residuals
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.solver import default_weights
+from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.tangent import oplus
 
 Array = NDArray[np.float64]
@@ -67,17 +64,19 @@ def _pose(
     model = frame.model
     wanted = [_part_of_the_way(frame, drag, share) for drag in drags]
     qpos = _follow(frame, lay_out(wanted, model, 1))
-    held = held.given(frame, frame.replace(qpos), np.ones(1))
+    held = held.relaxed(frame, frame.replace(qpos), np.ones(1))
     staying = held.constraints()
     if staying:
         targets = lay_out(staying, model, 1)
-        qpos = oplus(model, qpos, HybridIK(model).enforce(qpos, targets).displacement)
-        qpos = within_limits(frame, qpos)
+        closing = HybridIK(frame.character).prepare(targets).enforce(qpos)
+        qpos = oplus(model, qpos, closing.displacement)
+        qpos = frame.character.within_limits(qpos)
     targets = lay_out([*staying, *wanted], model, 1)
     gap = float(residuals(frame.replace(qpos), targets).max(initial=0.0))
     if gap > REACHED:  # something is held that is no foot
-        step = NumericIK(model, iterations=_POLISH).solve(qpos, targets).displacement
-        closer = within_limits(frame, oplus(model, qpos, step))
+        solver = NumericIK(frame.character, iterations=_POLISH)
+        step = solver.prepare(targets).solve(qpos).displacement
+        closer = frame.character.within_limits(oplus(model, qpos, step))
         left = float(residuals(frame.replace(closer), targets).max(initial=0.0))
         qpos, gap = (closer, left) if left < gap else (qpos, gap)
     return qpos, gap
@@ -91,29 +90,29 @@ def _follow(frame: Motion, targets: Targets) -> Array:
     """
     from scipy.optimize import least_squares
 
-    model = frame.model
-    shares = coupling(model)
+    model, limits = frame.model, frame.character.limits
+    shares = frame.character.coupling
     moves = [body_dofs(model, int(model.site_bodyid[site])) for site in targets.sites]
     serving = np.any(moves, axis=0)
     serving[shares.leader] |= serving[shares.follower]
     serving[shares.follower] = False
     free = np.flatnonzero(serving)
-    root = np.sqrt(shares.weights(default_weights(model)))
-    was = limit_excess(model, frame.qpos)[0]
+    sqrt_rigidity = np.sqrt(shares.rigidity(default_rigidity(model)))
+    was = limits.excess(frame.qpos)[0]
 
     kinematics = Kinematics(model, len(free) + 1)
 
     def moved(steps: Array) -> Array:
         whole = np.zeros((len(steps), model.nv))
-        whole[:, free] = steps / root[free]
+        whole[:, free] = steps / sqrt_rigidity[free]
         start = np.repeat(frame.qpos, len(steps), axis=0)
-        return couple(model, oplus(model, start, shares.spread(whole)))
+        return shares.couple(oplus(model, start, shares.spread(whole)))
 
     def cost(steps: Array, insist: float) -> Array:
         qpos = moved(steps)
         pose = kinematics.forward(qpos, np.arange(len(qpos)))
         gap = (pose.site_xpos[:, targets.sites] - targets.position).reshape(len(qpos), -1)
-        over = np.maximum(limit_excess(model, qpos) - was, 0.0)
+        over = np.maximum(limits.excess(qpos) - was, 0.0)
         return np.concatenate((steps, insist * gap, insist * over), axis=1)
 
     def slope(step: Array, insist: float) -> Array:

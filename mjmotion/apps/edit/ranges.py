@@ -25,7 +25,7 @@ _STYLE: Any = {**axes_style(_INK), "lines.linewidth": 1.6}
 
 
 def write_ranges(path: str | Path, edits: Mapping[int, Result], frame: int) -> Path:
-    """Draw how far every frame was moved, one row a spacing, with the seven knots of each.
+    """Draw how far every frame was moved, one row an edit, with the seven knots of each.
 
     Args:
       path: picture to write (.png, .svg, .pdf).
@@ -42,16 +42,16 @@ def write_ranges(path: str | Path, edits: Mapping[int, Result], frame: int) -> P
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    spans = {spacing: Span(frame, spacing, e.motion.nframe) for spacing, e in edits.items()}
+    spans = {knots: Span(frame, knots, e.motion.nframe) for knots, e in edits.items()}
     widest = spans[max(spans)]
-    low = max(0, int(widest.knots[0]) - widest.spacing)
-    high = min(widest.nframe - 1, int(widest.knots[-1]) + widest.spacing)
+    low = max(0, int(widest.knots[0]) - widest.frames_per_knot)
+    high = min(widest.nframe - 1, int(widest.knots[-1]) + widest.frames_per_knot)
     with rc_context(_STYLE):
         figure = Figure(figsize=(8.4, 0.9 + 1.6 * len(edits)), layout="constrained")
         FigureCanvasAgg(figure)
         rows = figure.subplots(len(edits), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-        for axes, (spacing, edited) in zip(rows, sorted(edits.items()), strict=True):
-            _draw(axes, spans[spacing], 100.0 * deformation(edited))
+        for axes, (knots, edited) in zip(rows, sorted(edits.items()), strict=True):
+            _draw(axes, spans[knots], 100.0 * deformation(edited))
         rows[0].set_xlim(low, high)
         rows[0].set_ylim(bottom=0.0)
         rows[0].legend(fontsize=9, loc="upper left")
@@ -83,7 +83,7 @@ def _draw(axes: Axes, span: Span, size: np.ndarray) -> None:
     )
     moved = span.frames
     axes.set_title(
-        f"a knot every {span.spacing} frames: {len(moved)} frames change,"
+        f"a knot every {span.frames_per_knot} frames: {len(moved)} frames change,"
         f" {moved[0]} to {moved[-1]}",
         loc="left",
         fontsize=10,

@@ -26,18 +26,18 @@ class Span:
 
     Attributes:
       frame: the edited frame.
-      spacing: frames between the knots of the first level.
+      frames_per_knot: frames between the knots of the first level.
       nframe: frames of the clip.
     """
 
     frame: int
-    spacing: int
+    frames_per_knot: int
     nframe: int
 
     @property
     def knots(self) -> NDArray[np.int64]:
         """The seven knots of the first level (7,), as frames; some may lie outside the clip."""
-        return self.frame + self.spacing * np.arange(-KNOTS, KNOTS + 1)
+        return self.frame + self.frames_per_knot * np.arange(-KNOTS, KNOTS + 1)
 
     @property
     def frames(self) -> NDArray[np.int64]:
@@ -48,12 +48,12 @@ class Span:
     @property
     def fade(self) -> Array:
         """A weight (nframe,): 1 in the middle, 0 from the outermost knots on, smooth between."""
-        away = np.abs(np.arange(self.nframe) - self.frame) / self.spacing
+        away = np.abs(np.arange(self.nframe) - self.frame) / self.frames_per_knot
         rest = np.clip(KNOTS - away, 0.0, 1.0)
         return np.asarray(rest * rest * (3.0 - 2.0 * rest))
 
-    def spread(self, frames: NDArray[np.int64], data: Array, spacing: float) -> Array:
+    def spread(self, frames: NDArray[np.int64], data: Array, frames_per_knot: float) -> Array:
         """Return one level (len(self.frames), k) through ``data`` (n, k) at ``frames`` (n,)."""
         first, last = int(self.knots[0]), int(self.knots[-1])
-        values = fit_between(frames, data, first, last, spacing, passes=PASSES)
+        values = fit_between(frames, data, first, last, frames_per_knot, passes=PASSES)
         return values[self.frames - first]

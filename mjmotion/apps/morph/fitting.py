@@ -1,7 +1,7 @@
 """Morphing a walk: the character's size changes as it walks, its stride does not (Figure 5d).
 
-    keys = [(22, long_legs), (61, short_legs)]            # frames and models of the same topology
-    result = morph(load_clip("walk"), keys)
+    keys = [(22, long_legs), (61, short_legs)]       # frames and characters of the same topology
+    result = morph("walk", keys)
     result.motion, result.body, result.contacts, result.trace
 
 One fit over all frames, each on a body of its own: feet are held while they stand, nothing else is
@@ -13,119 +13,103 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import mujoco
-import numpy as np
-from numpy.typing import NDArray
-
-from mjmotion.apps.adaptation import stiff_root
+from mjmotion.apps.adaptation import FitSettings, as_clip, stiff_root
 from mjmotion.apps.morph.landing import landed
 from mjmotion.apps.morph.stride import Stride, find_stride
-from mjmotion.body.kinematics import character_height
+from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.morph_body import MorphBody
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import lay_out
-from mjmotion.fitting import Fit, find_unmet, fit, residuals
+from mjmotion.constraints.unmet import find_unmet, residuals
+from mjmotion.fitting import TOLERANCE, Fit, fit
 from mjmotion.footsteps.contacts import Contact
+from mjmotion.ik import IKSolver, make_solver
+from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.output.result import Result
 from mjmotion.scene import with_ground
 
-Array = NDArray[np.float64]
-
 
 def morph(
-    motion: Motion,
-    keys: Sequence[tuple[int, mujoco.MjModel]],
+    motion: Motion | str | Path,
+    keys: Sequence[tuple[int, CharacterLike]],
     *,
-    character: str | Path = "humanoid",
     contacts: Sequence[Contact] | None = None,
     levels: Sequence[float] | None = None,
-    tolerance: float = 0.0,
-    ik: str = "hybrid",
-    progress: Callable[[str], None] | None = None,
+    tolerance: float = TOLERANCE,
+    ik: str | IKSolver = "hybrid",
+    progress: Progress = no_progress,
 ) -> Result:
     """Change the size of a walk's character from frame to frame and keep its stride.
 
     Args:
-      motion: the walk, on level ground at z = 0.
-      keys: frames, rising, and the model whose sizes the body has then; all of the motion's
-        topology. Before the first the body comes from the motion's own, after the last it stays.
-      character: the MJCF of the motion's model, or the name of one of ours: what is written with
-        the result.
+      motion: the walk, on level ground at z = 0; or a file or built-in name.
+      keys: frames, rising, and the character whose sizes the body has then, or what names one; all
+        of the motion's topology. Before the first the body comes from the motion's own, after the
+        last it stays.
       contacts: who stands when; found in the walk without.
-      levels: frames a knot, coarse to fine.
-      tolerance: refinement stops once no constraint is off by more [m].
-      ik: ``"hybrid"`` or ``"numeric"``.
-      progress: called with the name of each stage as it begins.
+      levels: frames a knot of each level, coarse to fine.
+      tolerance: refinement stops once no position is off by more [m].
+      ik: ``"hybrid"``, ``"numeric"`` or a solver made for the body that changes.
+      progress: called with stage, done, of.
 
     Raises:
       MotionError: no keys, or frames that do not rise or that the motion does not have.
       ModelError: a model of another topology, or a character without feet.
-      ContactError, FitError: bad input.
+      ClipError, ContactError, FitError: bad input.
     """
-    say = progress or (lambda stage: None)
-    body = MorphBody.between(motion.model, keys, motion.nframe)
-    spec = with_ground(character)
-    composed = spec.compile()
-    say("contacts")
-    stride = find_stride(motion, body, contacts)
-    say("fit")
-    result = fit_stride(stride, body, levels=levels, tolerance=tolerance, ik=ik)
+    walk = as_clip(motion)
+    models = [(frame, Character.of(character).model) for frame, character in keys]
+    body = MorphBody.between(walk.model, models, walk.nframe)
+    composed = with_ground(walk.character)
+    progress("contacts", 0, 0)
+    stride = find_stride(walk, body, contacts)
+    progress("fit", 0, 0)
+    result = fit_stride(stride, body, FitSettings(levels, tolerance, ik, progress))
     return Result(
-        motion.on(composed),
+        walk.on(composed),
         result.motion.on(composed),
         stride.contacts,
         result.trace,
         result.unmet,
-        spec,
-        body.on(composed),
+        body.on(composed.model),
     )
 
 
-def fit_stride(
-    stride: Stride,
-    body: MorphBody,
-    *,
-    levels: Sequence[float] | None = None,
-    tolerance: float = 0.0,
-    ik: str = "hybrid",
-) -> Fit:
+def fit_stride(stride: Stride, body: MorphBody, settings: FitSettings | None = None) -> Fit:
     """Fit a body that changes to a stride: first guess, levels, exact pass.
 
     Args:
       stride: what the feet do.
       body: the body of every frame, on the stride's model.
-      levels: frames a knot, coarse to fine.
-      tolerance: refinement stops once no position is off by more [m].
-      ik: ``"hybrid"`` or ``"numeric"``.
+      settings: how it is fitted.
 
     Returns:
       What the fit gave, with the motion of the exact pass and the errors that this left.
     """
+    settings = FitSettings() if settings is None else settings
     began = time.perf_counter()
-    constraints, bones = stride.constraints(), body.bones
+    constraints, bones, character = stride.constraints(), body.bones, stride.source.character
     result = fit(
         stride.source,
         constraints,
-        levels=levels,
-        tolerance=tolerance,
-        ik=ik,
-        weights=stiff_root(stride.source.model),
+        levels=settings.levels,
+        tolerance=settings.tolerance,
+        ik=make_solver(character, settings.ik, stiff_root(character), bones),
         first_guess=stride.shift,
         exact=False,
-        bones=bones,
+        progress=settings.progress,
     )
-    done = landed(result.motion, body, stride.tracks, ik)
+    done = landed(
+        result.motion, body, stride.tracks, make_solver(character, settings.ik, bones=bones)
+    )
     took = time.perf_counter() - began
     targets = lay_out(constraints, done.model, done.nframe)
-    left = residuals(done, targets, bones)
-    percent = 100.0 * float(left.max(initial=0.0)) / character_height(done.model)
+    left = float(residuals(done, targets, bones).max(initial=0.0))
     trace = dataclasses.replace(
-        result.trace,
-        fit_seconds=took,
-        exact_error_percent=percent,
+        result.trace, fit_seconds=took, exact_error_percent=100.0 * left / character.height
     )
-    unmet = find_unmet(done, targets, left, bones=bones)
+    unmet = find_unmet(done, targets, constraints, bones)
     return dataclasses.replace(result, motion=done, trace=trace, unmet=unmet)

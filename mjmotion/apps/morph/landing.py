@@ -21,9 +21,8 @@ from mjmotion.body.morph_body import MorphBody
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint, lay_out
 from mjmotion.fitting import default_levels
-from mjmotion.fitting.exact import ExactPass, within_limits
-from mjmotion.ik.hybrid import HybridIK
-from mjmotion.ik.numeric import NumericIK
+from mjmotion.fitting.exact import ExactPass
+from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import (
     conjugate,
     continuous,
@@ -45,7 +44,7 @@ CLEARANCE = 0.012  # height that a swing is given, where the source has as much 
 
 
 def landed(
-    motion: Motion, body: MorphBody, tracks: Sequence[FootTrack], ik: str = "hybrid"
+    motion: Motion, body: MorphBody, tracks: Sequence[FootTrack], solver: IKSolver
 ) -> Motion:
     """Return a fitted motion whose feet stand exactly where they are to.
 
@@ -53,19 +52,18 @@ def landed(
       motion: after the levels.
       body: the body of every frame, on the motion's model.
       tracks: where the feet are to be.
-      ik: ``"hybrid"`` or ``"numeric"``.
+      solver: made for the body that changes.
     """
     model, bones, nframe = motion.model, body.bones, motion.nframe
     qpos = np.array(motion.qpos)
     wanted = [_carried(motion, bones, track, _soles(body, track, nframe)) for track in tracks]
-    standing = [track.constraints() for track in tracks if track.stance.any()]
-    solver = (HybridIK if ik == "hybrid" else NumericIK)(model, bones=bones)
-    if standing:
-        targets = lay_out(standing, model, nframe)
-        spacing = default_levels(motion.fps)[0]
-        qpos, _ = ExactPass(motion, solver, targets, spacing, bones)(qpos)
-    swinging = solver.enforce(qpos, lay_out(wanted, model, nframe)).displacement
-    closed = within_limits(motion, oplus(model, qpos, swinging))
+    posed = [track.constraints() for track in tracks if track.stance.any()]
+    if posed:
+        targets = lay_out(posed, model, nframe)
+        coarsest = default_levels(motion.fps)[0]
+        qpos, _ = ExactPass(motion, solver.prepare(targets), targets, coarsest, bones)(qpos)
+    swinging = solver.prepare(lay_out(wanted, model, nframe)).enforce(qpos).displacement
+    closed = motion.character.within_limits(oplus(model, qpos, swinging))
     # Where both feet stand, all is as it should be, to the bit.
     still = np.all([track.stance for track in tracks], axis=0)
     return motion.replace(np.where(still[:, None], qpos, closed))

@@ -16,14 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.bones import Bones
-from mjmotion.body.feet import Foot, find_feet
+from mjmotion.body.feet import Foot
 from mjmotion.body.kinematics import Kinematics, site_id, site_positions
-from mjmotion.body.limbs import Limbs, find_limbs, limbs_of
+from mjmotion.body.limbs import Limbs
 from mjmotion.body.morph_body import MorphBody
 from mjmotion.body.motion import Motion
+from mjmotion.body.reach import drop_to_reach
 from mjmotion.constraints import SiteConstraint
 from mjmotion.footsteps.contacts import Contact, contact_mask
-from mjmotion.footsteps.plan import DROP_TIME, REACH_FREE, REACH_MOST, plan
+from mjmotion.footsteps.plan import (
+    DROP_TIME,
+    LEAST_HEIGHT,
+    REACH_FREE,
+    REACH_MOST,
+    make_plan,
+)
 from mjmotion.numerics.rotations import conjugate, multiply, rotate, yaw_quat
 from mjmotion.numerics.smoothing import cover
 from mjmotion.scene import load_scene
@@ -52,7 +59,12 @@ class FootTrack:
         if frames is None:
             frames = np.flatnonzero(self.stance)
         return SiteConstraint(
-            self.foot.site, frames, self.position[frames], self.quat[frames], contact=True
+            self.foot.site,
+            frames,
+            self.position[frames],
+            self.quat[frames],
+            contact=True,
+            source="scene",
         )
 
 
@@ -91,13 +103,13 @@ def find_stride(
       ContactError: no contacts, or ones that do not fit the walk.
       ModelError: the character has no feet.
     """
-    asked = plan(source, load_scene("flat"), contacts)
+    asked = make_plan(source, load_scene("flat"), contacts)
     bones = body.bones
     sites = np.array([site_id(source.model, path.site) for path in asked.paths])
     taller = _taller(source, sites, bones)
     level = float(np.mean([foothold.position[2] for foothold in asked.footholds]))
     tracks = []
-    for foot, path in zip(find_feet(source.model), asked.paths, strict=True):
+    for foot, path in zip(source.character.feet, asked.paths, strict=True):
         position = path.position + _grown(foot, source, asked.contacts, bones, path.quat)
         tracks.append(FootTrack(foot, position, path.quat, path.stance))
     shift = np.zeros((source.nframe, 3))
@@ -121,7 +133,7 @@ def _drop(source: Motion, tracks: Sequence[FootTrack], bones: Bones, shift: Arra
     A leg may be as straight as the source's is, and never quite straight.
     """
     model = source.model
-    ends = {limb.end: limb for limb in find_limbs(model)}
+    ends = source.character.limb_by_end
     own = Kinematics(model, source.nframe).forward(source.qpos)
     pose = Kinematics(model, source.nframe, bones=bones).forward(source.qpos)
     need = np.full(source.nframe, -np.inf)
@@ -131,17 +143,16 @@ def _drop(source: Motion, tracks: Sequence[FootTrack], bones: Bones, shift: Arra
         limb = ends[track.foot.body]
         hip, ankle = model.body_jntadr[limb.upper], model.body_jntadr[limb.end]
         was = np.linalg.norm(own.xanchor[:, hip] - own.xanchor[:, ankle], axis=1)
-        straight = was / float(limbs_of(model, (limb,)).reach[0])
+        straight = was / float(source.character.chains((limb,)).reach[0])
         reach = Limbs(model, (limb,), bones).reach[:, 0]
         most = reach * np.clip(straight, REACH_FREE, REACH_MOST)
         site = site_id(model, track.foot.site)
         local = rotate(
             conjugate(model.site_quat[site]), bones.jnt_pos[:, ankle] - bones.site_pos[:, site]
         )
-        apart = pose.xanchor[:, hip] + shift - track.position - rotate(track.quat, local)
-        flat = np.linalg.norm(apart[:, :2], axis=1)
-        allowed = np.sqrt(np.maximum(most**2 - flat**2, (0.5 * reach) ** 2))
-        need = np.maximum(need, apart[:, 2] - allowed)
+        goal = track.position + rotate(track.quat, local)
+        lacking = drop_to_reach(pose.xanchor[:, hip] + shift, goal, most, LEAST_HEIGHT * reach)
+        need = np.maximum(need, lacking)
     return cover(need, DROP_TIME * source.fps)
 
 

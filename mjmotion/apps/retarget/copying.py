@@ -1,21 +1,19 @@
 """Joint angles on another body: what a motion is there before anything is fitted.
 
-guess = copy_joints(motion, model)        # the root where it was
+guess = copy_joints(motion, character)        # the root where it was
 guess = carry_root(motion, guess, about)  # the hips as high as the longer legs hold them
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.joint_coupling import CoupledJoints, coupled_joints, shared_turn
+from mjmotion.body.character import Character, CharacterLike
+from mjmotion.body.joint_coupling import CoupledJoints
 from mjmotion.body.kinematics import body_pose
 from mjmotion.body.motion import Motion
-from mjmotion.body.proportions import find_parts
 from mjmotion.exceptions import ModelError
 from mjmotion.numerics.rotations import conjugate, exp, log, multiply, rotate
 
@@ -27,7 +25,7 @@ _WIDTH = {_BALL: 4, _HINGE: 1, int(mujoco.mjtJoint.mjJNT_SLIDE): 1}
 _ALIKE = 1e-3  # how far bodies may be turned differently at qpos0 for angles to mean the same [rad]
 
 
-def copy_joints(motion: Motion, model: mujoco.MjModel) -> Motion:
+def copy_joints(motion: Motion, character: CharacterLike) -> Motion:
     """Return a motion with its joint angles on another model, joint by joint of the same name.
 
     A spine in one piece turns one in several by their shares (§4.2), and the turns of one in
@@ -36,26 +34,27 @@ def copy_joints(motion: Motion, model: mujoco.MjModel) -> Motion:
 
     Args:
       motion: the motion.
-      model: the other body, alone or in a scene.
+      character: the other body, alone or in a scene.
 
     Raises:
       ModelError: legs or trunk of the other model hang on joints that the motion does not have, or
         that turn about other axes.
     """
-    source = motion.model
+    character = Character.of(character)
+    source, model = motion.model, character.model
     qpos = np.tile(model.qpos0, (motion.nframe, 1))
     qpos[:, :7] = motion.qpos[:, :7]
     ids = {source.joint(joint).name: joint for joint in range(source.njnt)}
-    groups = {group.name: group for group in coupled_joints(source)}
+    groups = {group.name: group for group in motion.character.coupling.groups}
     lacking = []
-    for group in coupled_joints(model):
+    for group in character.coupling.groups:
         turn = _group_turn(motion, group, ids, groups)
         if turn is None:
             lacking += [model.joint(joint).name for joint in group.joints]
             continue
         for joint, share in zip(group.joints, group.shares, strict=True):
             _put(model, qpos, joint, exp(share * turn) if turn.shape[1] == 3 else share * turn)
-    coupled = {joint for group in coupled_joints(model) for joint in group.joints}
+    coupled = {joint for group in character.coupling.groups for joint in group.joints}
     for joint in range(1, model.njnt):
         name, kind = model.joint(joint).name, int(model.jnt_type[joint])
         if joint in coupled:
@@ -68,15 +67,14 @@ def copy_joints(motion: Motion, model: mujoco.MjModel) -> Motion:
             _put(model, qpos, joint, _total_turn(motion, groups[name]))
         else:
             lacking.append(name)
-    _check_lacking(model, lacking)
-    return Motion(model, qpos, motion.fps)
+    _check_lacking(character, lacking)
+    return Motion(character, qpos, motion.fps)
 
 
-@lru_cache(maxsize=16)
-def same_joints(model: mujoco.MjModel, other: mujoco.MjModel) -> bool:
-    """Return whether angles of one model's joints can be copied to another: :func:`copy_joints`."""
+def same_joints(character: Character, other: Character) -> bool:
+    """Return whether angles of one's joints can be copied to another: :func:`copy_joints`."""
     try:
-        copy_joints(Motion(model, model.qpos0[None], 1.0), other)
+        copy_joints(Motion(character, character.model.qpos0[None], 1.0), other)
     except ModelError:
         return False
     return True
@@ -95,7 +93,7 @@ def carry_root(motion: Motion, guess: Motion, about: Array, scale: float, suppor
       scale: factor on the root's path in the plane.
       support: (nframe,) heights of what the body stands on [m].
     """
-    rise = leg_ratio(motion.model, guess.model)
+    rise = leg_ratio(motion.character, guess.character)
     hips = mid_hips(motion)
     wanted = np.empty_like(hips)
     wanted[:, :2] = about[:2] + scale * (hips[:, :2] - about[:2])
@@ -105,15 +103,15 @@ def carry_root(motion: Motion, guess: Motion, about: Array, scale: float, suppor
     return guess.replace(qpos)
 
 
-def leg_ratio(model: mujoco.MjModel, other: mujoco.MjModel) -> float:
+def leg_ratio(character: Character, other: Character) -> float:
     """Return how much longer the legs of another body are: hips over soles, when standing."""
-    return find_parts(other).hip_height / find_parts(model).hip_height
+    return other.parts.hip_height / character.parts.hip_height
 
 
 def mid_hips(motion: Motion) -> Array:
     """Return the middle of the hips at every frame (nframe, 3) [m]."""
     model = motion.model
-    parts = find_parts(model)
+    parts = motion.character.parts
     base = int(model.body_parentid[parts.legs[0].top])
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -132,7 +130,7 @@ def _group_turn(
 ) -> Array | None:
     """Return the turn w (nframe, 3) or (nframe, 1) [rad] for a group of coupled joints."""
     if group.name in groups:
-        return shared_turn(motion.model, groups[group.name], motion.qpos)
+        return motion.character.coupling.shared_turn(groups[group.name], motion.qpos)
     joint = ids.get(group.name)
     if joint is None or int(motion.model.jnt_type[joint]) not in (_BALL, _HINGE):
         return None
@@ -175,9 +173,9 @@ def _check_axes(source: mujoco.MjModel, theirs: int, model: mujoco.MjModel, mine
         )
 
 
-def _check_lacking(model: mujoco.MjModel, lacking: list[str]) -> None:
+def _check_lacking(character: Character, lacking: list[str]) -> None:
     """Raise ModelError where legs, arms or trunk hang on joints that the motion does not have."""
-    parts = find_parts(model)
+    model, parts = character.model, character.parts
     bodies = {b for limb in (*parts.legs, *parts.arms) for b in limb.bodies} | set(parts.trunk)
     needed = [name for name in lacking if int(model.joint(name).bodyid[0]) in bodies]
     if needed:

@@ -52,6 +52,7 @@ def hold_constraints(motion: Motion, holds: Sequence[Contact]) -> tuple[SiteCons
                 pose.site_xpos[frames, site].mean(axis=0),
                 from_matrix(pose.site_xmat[frames, site]),
                 contact=True,
+                source="scene",
             )
         )
     return tuple(constraints)

@@ -8,33 +8,40 @@ apart as the other legs are long; hands keep what they hold. Then the same fit a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.apps.adaptation import carry_out
+from mjmotion.apps.adaptation import FitSettings, fit_plan
 from mjmotion.apps.retarget.copying import carry_root, copy_joints, leg_ratio, same_joints
 from mjmotion.apps.retarget.grasps import check_span, held_shift, hold_constraints
 from mjmotion.apps.retarget.reaching import Legs
 from mjmotion.apps.retarget.roles import map_bones, with_soles
 from mjmotion.apps.retarget.strides import Strides
-from mjmotion.body.feet import find_feet
-from mjmotion.body.kinematics import Kinematics, character_geoms
+from mjmotion.body.character import Character, CharacterLike
+from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.motion import Motion
+from mjmotion.clips import load_clip
 from mjmotion.constraints import Constraint, SiteConstraint
 from mjmotion.exceptions import ContactError, FitError, unknown_name
-from mjmotion.footsteps.ankles import give
-from mjmotion.footsteps.contacts import Contact, check_contacts, contact_sites, detect_contacts
+from mjmotion.fitting import TOLERANCE
+from mjmotion.footsteps.ankles import relax_ankles
+from mjmotion.footsteps.contacts import (
+    Contact,
+    check_contacts,
+    contact_sites,
+    detect_contacts,
+)
 from mjmotion.footsteps.obstacles import find_obstacles
 from mjmotion.footsteps.paths import FootPath
 from mjmotion.footsteps.plan import Plan, mean_shift, place, shifted
-from mjmotion.ik.solver import default_weights
+from mjmotion.ik import IKSolver
+from mjmotion.ik.solver import default_rigidity
+from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.output.result import Result
-from mjmotion.scene import Scene, compose, load_character, load_scene
-from mjmotion.scene.ground import Ground
+from mjmotion.scene import Scene, SceneLike, compose, without_scene
 
 Array = NDArray[np.float64]
 
@@ -42,36 +49,37 @@ ROOT_STIFFNESS = 100.0  # how much stiffer than elsewhere against being moved th
 STRIDES = ("keep", "scale")
 
 
-def retarget(
-    motion: Motion,
-    to: str | Path | mujoco.MjSpec,
+def retarget(  # more than eight parameters: all but the first two have a default
+    motion: Motion | str | Path,
+    to: CharacterLike,
     *,
     stride: str = "keep",
     contacts: Sequence[Contact] | None = None,
-    scene: str | Path | Scene = "flat",
+    scene: SceneLike = "flat",
     constraints: Sequence[Constraint] = (),
     levels: Sequence[float] | None = None,
-    tolerance: float = 1e-4,
-    ik: str = "hybrid",
-    progress: Callable[[str], None] | None = None,
+    tolerance: float = TOLERANCE,
+    ik: str | IKSolver = "hybrid",
+    progress: Progress = no_progress,
 ) -> Result:
     """Move a motion to another character.
 
     Args:
-      motion: the motion on its own character. One on a bare model begins at the scene's start, as
-        a clip does; one on a model with a scene is where it is already.
-      to: name of one of our models, an MJCF file, or a spec.
+      motion: the motion on its own character; or a file or built-in name. One on a bare model
+        begins at the scene's start, as a clip does; one on a model with a scene is where it is
+        already.
+      to: the other character, or what names one.
       stride: ``"keep"``: feet stand where they stood; ``"scale"``: the root's path and the spots
         are scaled in the plane about the start, as the legs are.
       contacts: who stands when; those of heels and toes are found in the motion without. A contact
         of any other site, such as a hand, holds that site where the motion has it, with its
         orientation.
-      scene: where it is to be: a name, an MJCF file, or a scene.
+      scene: where it is to be, or what names it.
       constraints: more that must hold on the new body.
-      levels: frames a knot, coarse to fine.
+      levels: frames a knot of each level, coarse to fine.
       tolerance: refinement stops once no constraint is off by more [m].
-      ik: ``"hybrid"`` or ``"numeric"``.
-      progress: called with the name of each stage as it begins.
+      ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
+      progress: called with stage, done, of.
 
     Returns:
       ``source`` is the motion with its joint angles copied, before the fit. A body whose joints
@@ -81,29 +89,26 @@ def retarget(
     Raises:
       ModelError: a character without legs, soles or knees, or without a site that stands.
       ContactError: nothing holds: no contacts and no constraints.
-      SceneError, ConstraintError, FitError: bad input.
+      SceneError, ClipError, ConstraintError, FitError: bad input.
     """
-    say = progress or (lambda stage: None)
-    where = scene if isinstance(scene, Scene) else load_scene(scene)
-    body = load_character(to)
-    if not same_joints(motion.model, body.compile()):
+    motion = motion if isinstance(motion, Motion) else load_clip(motion)
+    where, body = Scene.of(scene), without_scene(Character.of(to))
+    if not same_joints(motion.character, body):
         body = with_soles(body)
-    say("contacts and footholds")
-    what, held = plan_retarget(motion, body, where, stride, contacts, constraints)
-    return carry_out(
-        *(what, compose(body, where), body),
-        constraints=[*held, *constraints],
-        weights=_rigidity(what.source.model, bool(what.paths)),
-        levels=levels,
-        tolerance=tolerance,
-        ik=ik,
-        progress=progress,
+    progress("contacts and footholds", 0, 0)
+    plan, held = plan_retarget(motion, body, where, stride, contacts, constraints)
+    return fit_plan(
+        plan,
+        compose(body, where),
+        [*held, *constraints],
+        FitSettings(levels, tolerance, ik, progress),
+        _rigidity(body, bool(plan.paths)),
     )
 
 
 def plan_retarget(
     motion: Motion,
-    body: mujoco.MjSpec,
+    body: Character,
     scene: Scene,
     stride: str = "keep",
     contacts: Sequence[Contact] | None = None,
@@ -125,18 +130,17 @@ def plan_retarget(
     """
     if stride not in STRIDES:
         raise FitError(unknown_name("stride", stride, STRIDES))
-    alone = len(character_geoms(motion.model)) == motion.model.ngeom
-    motion = place(motion, scene) if alone else motion
+    motion = place(motion, scene) if motion.character.alone else motion
     found = (
         detect_contacts(motion)
         if contacts is None
         else check_contacts(contacts, motion.model, motion.nframe)
     )
-    model = body.compile()
-    if same_joints(motion.model, model):
-        guess = copy_joints(motion, model)
+    model = body.model
+    if same_joints(motion.character, body):
+        guess = copy_joints(motion, body)
     else:
-        guess = map_bones(motion, body).on(model)
+        guess = map_bones(motion, body)
     found = check_contacts(found, model, motion.nframe)
     if not found and not constraints:
         raise ContactError(
@@ -150,13 +154,13 @@ def plan_retarget(
     about = motion.qpos[0, :3] * (1.0, 1.0, 0.0)
     scale = 1.0
     if stride == "scale":
-        scale = leg_ratio(motion.model, model)
+        scale = leg_ratio(motion.character, body)
     if not standing:
         shift = held_shift(guess, [*held, *constraints])
         return Plan(guess, found, (), (), (), shift, ()), held
-    strides = Strides.find(motion, find_feet(model), standing, about, scale)
+    strides = Strides.find(motion, body, standing, about, scale)
     guess = carry_root(motion, guess, about, scale, strides.support())
-    placed = strides.place(guess, Ground(scene), float(scene.start_pos[2]))
+    placed = strides.place(guess, scene.ground, float(scene.start_pos[2]))
     pose = Kinematics(model, guess.nframe).forward(guess.qpos)
     feet = strides.standing_feet
     legs, mean = Legs(guess, pose), mean_shift(guess, placed.moved)
@@ -170,19 +174,19 @@ def plan_retarget(
     half = sunk(placed.paths, 0.5)
     paths = legs.roll_on(feet, placed.paths, half, standing, reach)
     shift = sunk(paths)
-    given, left = give(shifted(guess, shift), feet, paths, found)
-    if given != paths:
-        paths, found = given, left
+    relaxed, trimmed = relax_ankles(shifted(guess, shift), feet, paths, found)
+    if relaxed != paths:
+        paths, found = relaxed, trimmed
         shift = sunk(paths)
     obstacles = find_obstacles(scene.model, guess.qpos[:, :3] + shift, placed.footholds)
     return Plan(guess, found, paths, strides.spots, placed.footholds, shift, obstacles), held
 
 
-def _rigidity(model: mujoco.MjModel, carried: bool) -> Array:
+def _rigidity(character: Character, carried: bool) -> Array:
     """Return rigidities (nv,): a root that goes where its legs carried it, but may turn."""
-    weights = default_weights(model)
-    weights[:3] *= ROOT_STIFFNESS if carried else 1.0
-    return weights
+    rigidity = default_rigidity(character.model)
+    rigidity[:3] *= ROOT_STIFFNESS if carried else 1.0
+    return rigidity
 
 
 __all__ = ["STRIDES", "plan_retarget", "retarget"]

@@ -14,13 +14,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.apps.retarget.rest import rest_of, world
+from mjmotion.apps.retarget.rest import RestBody, world
 from mjmotion.body.feet import Foot
 from mjmotion.body.kinematics import Pose, site_id
 from mjmotion.body.motion import Motion
+from mjmotion.body.reach import drop_to_reach
 from mjmotion.footsteps.contacts import Contact, contact_mask
 from mjmotion.footsteps.paths import FootPath
-from mjmotion.footsteps.plan import DROP_TIME, REACH_FREE, REACH_MOST
+from mjmotion.footsteps.plan import DROP_TIME, LEAST_HEIGHT, REACH_FREE, REACH_MOST
 from mjmotion.numerics.rotations import cross, dot, exp, multiply, normalized, rotate
 from mjmotion.numerics.smoothing import cover, envelope
 
@@ -45,7 +46,7 @@ class Legs:
 
     def __init__(self, source: Motion, pose: Pose) -> None:
         self.source, self._pose = source, pose
-        rest = rest_of(source.model)
+        rest = RestBody(source.character)
         self._rest = rest
         self._legs = {body: leg for leg in rest.parts.legs for body in leg.end}
 
@@ -94,10 +95,8 @@ class Legs:
             if foot.body not in self._legs:
                 continue
             most = self.most(foot, reach)
-            apart = self.hip(foot) + shift - self.ankle(foot, path)
-            flat = np.linalg.norm(apart[:, :2], axis=1)
-            least = 0.5 * self.length(foot)
-            need = np.maximum(need, apart[:, 2] - np.sqrt(np.maximum(most**2 - flat**2, least**2)))
+            hip, least = self.hip(foot) + shift, LEAST_HEIGHT * self.length(foot)
+            need = np.maximum(need, drop_to_reach(hip, self.ankle(foot, path), most, least))
         return cover(need, DROP_TIME * self.source.fps)
 
     def most(self, foot: Foot, reach: tuple[float, float]) -> Array:

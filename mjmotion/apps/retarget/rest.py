@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.character import Character
 from mjmotion.body.geom_points import body_points
 from mjmotion.body.kinematics import Pose
-from mjmotion.body.proportions import Limb, find_parts
+from mjmotion.body.parts import LimbParts
 from mjmotion.exceptions import ModelError
 from mjmotion.numerics.rotations import normalized
 
@@ -32,8 +31,9 @@ class RestBody:
       limbs: ``left_leg``, ``right_leg``, ``left_arm`` and ``right_arm``, as far as it has them.
     """
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self.model, self.parts = model, find_parts(model)
+    def __init__(self, character: Character) -> None:
+        model = character.model
+        self.model, self.parts = model, character.parts
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         self.xpos, self.xmat = data.xpos.copy(), data.xmat.reshape(-1, 3, 3).copy()
@@ -52,7 +52,7 @@ class RestBody:
             for side, limb in zip(SIDES, self._left_first(pair), strict=False)
         }
 
-    def _toes(self, legs: tuple[Limb, ...]) -> Array:
+    def _toes(self, legs: tuple[LimbParts, ...]) -> Array:
         """Return the way from ankles to the middle of the feet."""
         ways = []
         for leg in legs:
@@ -60,10 +60,10 @@ class RestBody:
             ways.append(soles.mean(axis=0) - leg.points[2])
         return np.asarray(np.mean(ways, axis=0))
 
-    def _left_first(self, pair: tuple[Limb, ...]) -> list[Limb]:
+    def _left_first(self, pair: tuple[LimbParts, ...]) -> list[LimbParts]:
         return sorted(pair, key=lambda limb: -float(limb.points[0] @ self.left))
 
-    def sole(self, leg: Limb) -> Array:
+    def sole(self, leg: LimbParts) -> Array:
         """Lowest points (k, 3) of a foot in the world [m]."""
         clouds = []
         for body in leg.end or leg.lower or leg.upper:
@@ -77,7 +77,7 @@ class RestBody:
         cloud = np.concatenate(clouds)
         return cloud[cloud[:, 2] < cloud[:, 2].min() + BAND]
 
-    def base(self, limb: Limb) -> int:
+    def base(self, limb: LimbParts) -> int:
         """Return the body from which a limb hangs."""
         return int(self.model.body_parentid[limb.top])
 
@@ -85,16 +85,10 @@ class RestBody:
         """Return a world point in a body's frame."""
         return np.asarray(self.xmat[body].T @ (point - self.xpos[body]))
 
-    def joints(self, limb: Limb) -> list[tuple[int, Array]]:
+    def joints(self, limb: LimbParts) -> list[tuple[int, Array]]:
         """Body and point in its frame of hip, knee and ankle, or shoulder, elbow and wrist."""
         bodies = [self.base(limb), (limb.lower or limb.upper)[0], (limb.end or limb.lower)[0]]
         return [(b, self.local(b, p)) for b, p in zip(bodies, limb.points, strict=True)]
-
-
-@lru_cache(maxsize=8)
-def rest_of(model: mujoco.MjModel) -> RestBody:
-    """Return a model's :class:`RestBody`, the same one for the same model."""
-    return RestBody(model)
 
 
 def world(pose: Pose, body: int, point: Array) -> Array:

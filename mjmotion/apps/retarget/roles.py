@@ -1,7 +1,7 @@
 """Joint angles for a body of another make: its bones point where the motion's bones point.
 
-    spec = with_soles(load_character("g1.xml"))      # sites heel, toe and foot where it lacks them
-    guess = map_bones(motion, spec)
+    robot = with_soles(Character.load("g1.xml"))     # sites heel, toe and foot where it lacks them
+    guess = map_bones(motion, robot)
 
 Where joints are other joints, such as three hinges for a ball, angles cannot be copied. What two
 bodies have in common are the roles of their bones: thighs, shanks and feet, upper arms and
@@ -12,20 +12,19 @@ rest as the motion's do. The numeric solver finds the angles, every frame on its
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.apps.retarget.rest import BAND, SIDES, RestBody, world
+from mjmotion.body.character import Character
 from mjmotion.body.geom_points import body_points
-from mjmotion.body.joint_limits import clamp_to_limits
 from mjmotion.body.kinematics import Kinematics, Pose
 from mjmotion.body.motion import Motion
-from mjmotion.body.proportions import Limb, Parts
+from mjmotion.body.parts import LimbParts, Parts
 from mjmotion.constraints import SiteConstraint, lay_out
 from mjmotion.exceptions import ModelError
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.solver import default_weights
+from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.rotations import from_matrix, normalized
 from mjmotion.numerics.tangent import oplus
 
@@ -37,7 +36,7 @@ _STEPS = 30  # Gauss–Newton steps from rest
 _ROOTED = 1e9  # rigidity of a root that has its pose already
 
 
-def with_soles(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+def with_soles(character: Character) -> Character:
     """Return a humanoid with sites ``<side>_heel``, ``_toe`` and ``_foot`` on its soles.
 
     Sites of those names that are on its feet already stay.
@@ -45,8 +44,9 @@ def with_soles(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     Raises:
       ModelError: a foot that nothing of which collides, or a site of such a name elsewhere.
     """
-    spec = spec.copy()
-    rest = RestBody(spec.compile())
+    spec = character.spec.copy()
+    spec.compile()  # numbers the copy's bodies as the model's
+    rest = RestBody(character)
     bodies = {body.id: body for body in spec.bodies}
     owners = {site.name: site.parent.id for site in spec.sites}  # adding a site takes ids away
     for side in SIDES:
@@ -72,10 +72,10 @@ def with_soles(spec: mujoco.MjSpec) -> mujoco.MjSpec:
             bodies[foot].add_site(
                 name=name, pos=rest.local(foot, point), quat=from_matrix(turn), group=4
             )
-    return spec
+    return Character(spec.compile(), spec, character.name)
 
 
-def _carrying(rest: RestBody, leg: Limb, sole: Array) -> int:
+def _carrying(rest: RestBody, leg: LimbParts, sole: Array) -> int:
     """Return the body of a leg whose surface the sole is."""
     for body in reversed(leg.bodies):
         try:
@@ -87,22 +87,61 @@ def _carrying(rest: RestBody, leg: Limb, sole: Array) -> int:
     raise ModelError("a leg has no geom that collides: it has no sole to stand on")
 
 
-def map_bones(motion: Motion, spec: mujoco.MjSpec) -> Motion:
+def map_bones(motion: Motion, character: Character) -> Motion:
     """Return a motion for a body of another make, its bones pointing as the motion's do.
 
     The root is where the motion's is; :func:`carry_root` carries it.
 
     Args:
       motion: the motion.
-      spec: the other body, alone.
+      character: the other body, alone.
 
     Raises:
       ModelError: one of the two has no legs, or the other has no knees.
     """
-    marked = spec.copy()
-    model = marked.compile()
-    rest, theirs = RestBody(model), RestBody(motion.model)
-    bodies = {body.id: body for body in marked.bodies}
+    model = character.model
+    rest, theirs = RestBody(character), RestBody(motion.character)
+    marked, turned = _marked(character, rest)
+    pose = Kinematics(motion.model, motion.nframe).forward(motion.qpos)
+    aligned = rest.frame @ theirs.frame.T  # turns their rest's facing on to ours
+    qpos = np.tile(model.qpos0, (motion.nframe, 1))
+    qpos[:, :3] = motion.qpos[:, :3]
+    others = _turned(theirs.parts, theirs)
+    root = int(model.jnt_bodyid[0])
+    qpos[:, 3:7] = from_matrix(_follow(pose, theirs, others["pelvis"], aligned, rest, root))
+    rigidity = default_rigidity(marked.model)
+    rigidity[:6] = _ROOTED
+    wanted = []
+    frames = np.arange(motion.nframe)
+    for name in turned.keys() & others.keys() - {"pelvis"}:
+        turn = _follow(pose, theirs, others[name], aligned, rest, turned[name])
+        weight = _FIRM if name == "chest" else _LOOSE
+        wanted.append(SiteConstraint(f"role/{name}", frames, None, from_matrix(turn), weight))
+    # The trunk first: only then is it known where the shoulders are.
+    solver = NumericIK(marked, rigidity, iterations=_STEPS)
+    trunk = [one for one in wanted if one.site in ("role/chest", "role/head")]
+    start = _solved(solver, qpos, trunk)
+    reached = Kinematics(marked.model, motion.nframe).forward(start)
+    for name, limb in rest.limbs.items():
+        if name not in theirs.limbs:
+            continue
+        lines = [world(pose, *joint) for joint in theirs.joints(theirs.limbs[name])]
+        joint = world(reached, *rest.joints(limb)[0])
+        lengths = np.linalg.norm(np.diff(limb.points, axis=0), axis=1)
+        for part, before, after, length in zip(
+            ("mid", "end"), lines[:-1], lines[1:], lengths, strict=True
+        ):
+            joint = joint + length * normalized(after - before)
+            wanted.append(SiteConstraint(f"role/{name}_{part}", frames, joint, None, _FIRM))
+    qpos = _solved(solver, qpos, wanted)
+    return Motion(character, character.limits.clamp(qpos), motion.fps)
+
+
+def _marked(character: Character, rest: RestBody) -> tuple[Character, dict[str, int]]:
+    """Return the character with a site for every role, and the bodies whose turn is followed."""
+    spec = character.spec.copy()
+    spec.compile()  # numbers the copy's bodies as the model's
+    bodies = {body.id: body for body in spec.bodies}
     marks: dict[str, tuple[int, Array]] = {}
     for name, limb in rest.limbs.items():
         if not limb.lower:
@@ -114,40 +153,7 @@ def map_bones(motion: Motion, spec: mujoco.MjSpec) -> Motion:
         marks[name] = (body, np.zeros(3))
     for name, (body, point) in marks.items():
         bodies[body].add_site(name=f"role/{name}", pos=point)
-    model_marked = marked.compile()
-    pose = Kinematics(motion.model, motion.nframe).forward(motion.qpos)
-    aligned = rest.frame @ theirs.frame.T  # turns their rest's facing on to ours
-    qpos = np.tile(model.qpos0, (motion.nframe, 1))
-    qpos[:, :3] = motion.qpos[:, :3]
-    others = _turned(theirs.parts, theirs)
-    root = int(model.jnt_bodyid[0])
-    qpos[:, 3:7] = from_matrix(_follow(pose, theirs, others["pelvis"], aligned, rest, root))
-    weights = default_weights(model_marked)
-    weights[:6] = _ROOTED
-    wishes = []
-    frames = np.arange(motion.nframe)
-    for name in turned.keys() & others.keys() - {"pelvis"}:
-        turn = _follow(pose, theirs, others[name], aligned, rest, turned[name])
-        weight = _FIRM if name == "chest" else _LOOSE
-        wishes.append(SiteConstraint(f"role/{name}", frames, None, from_matrix(turn), weight))
-    # The trunk first: only then is it known where the shoulders are.
-    solver = NumericIK(model_marked, weights, iterations=_STEPS)
-    trunk = [wish for wish in wishes if wish.site in ("role/chest", "role/head")]
-    start = _solved(model_marked, solver, qpos, trunk)
-    reached = Kinematics(model_marked, motion.nframe).forward(start)
-    for name, limb in rest.limbs.items():
-        if name not in theirs.limbs:
-            continue
-        lines = [world(pose, *joint) for joint in theirs.joints(theirs.limbs[name])]
-        joint = world(reached, *rest.joints(limb)[0])
-        lengths = np.linalg.norm(np.diff(limb.points, axis=0), axis=1)
-        for part, before, after, length in zip(
-            ("mid", "end"), lines[:-1], lines[1:], lengths, strict=True
-        ):
-            joint = joint + length * normalized(after - before)
-            wishes.append(SiteConstraint(f"role/{name}_{part}", frames, joint, None, _FIRM))
-    qpos = _solved(model_marked, solver, qpos, wishes)
-    return Motion(model, clamp_to_limits(model, qpos), motion.fps)
+    return Character(spec.compile(), spec, character.name), turned
 
 
 def _turned(parts: Parts, rest: RestBody) -> dict[str, int]:
@@ -174,10 +180,8 @@ def _follow(
     return np.asarray(turn @ aligned.T @ rest.xmat[body])
 
 
-def _solved(
-    model: mujoco.MjModel, solver: NumericIK, qpos: Array, wishes: list[SiteConstraint]
-) -> Array:
-    if not wishes:
+def _solved(solver: NumericIK, qpos: Array, wanted: list[SiteConstraint]) -> Array:
+    if not wanted:
         return qpos
-    targets = lay_out(wishes, model, len(qpos))
-    return oplus(model, qpos, solver.solve(qpos, targets).displacement)
+    targets = lay_out(wanted, solver.model, len(qpos))
+    return oplus(solver.model, qpos, solver.prepare(targets).solve(qpos).displacement)

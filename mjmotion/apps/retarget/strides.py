@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.apps.retarget.copying import leg_ratio, mid_hips
-from mjmotion.body.feet import Foot, find_feet
+from mjmotion.body.character import Character
+from mjmotion.body.feet import Foot
 from mjmotion.body.kinematics import Kinematics, Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.footsteps.contacts import Contact
@@ -44,6 +45,7 @@ class Strides:
       spots: the same on the other body's spots.
       hips: (nframe, 3) the middle of the source's hips [m].
       scale: factor on the plane.
+      legs: how much longer the other body's legs are.
       fps: frames a second.
     """
 
@@ -54,13 +56,14 @@ class Strides:
     spots: tuple[Stance, ...]
     hips: Array
     scale: float
+    legs: float
     fps: float
 
     @classmethod
     def find(
         cls,
         motion: Motion,
-        feet: Sequence[Foot],
+        character: Character,
         contacts: Sequence[Contact],
         about: Array,
         scale: float,
@@ -69,13 +72,13 @@ class Strides:
 
         Args:
           motion: the motion on its own body.
-          feet: the other body's.
+          character: the other body.
           contacts: those of heels and toes.
           about: (3,) the point of the ground about which spots are scaled in the plane [m].
           scale: by how much.
         """
-        sides = {foot.side: foot for foot in find_feet(motion.model)}
-        mine = tuple(foot for foot in feet if foot.side in sides)
+        sides = {foot.side: foot for foot in motion.character.feet}
+        mine = tuple(foot for foot in character.feet if foot.side in sides)
         theirs = tuple(sides[foot.side] for foot in mine)
         pose = Kinematics(motion.model, motion.nframe).forward(motion.qpos)
         stances = find_stances(motion, pose, theirs, contacts)
@@ -85,7 +88,15 @@ class Strides:
             spot[2] = stance.source_pos[2]
             spots.append(dataclasses.replace(stance, source_pos=spot))
         return cls(
-            *(pose, theirs, mine, stances, tuple(spots), mid_hips(motion)), scale, motion.fps
+            pose,
+            theirs,
+            mine,
+            stances,
+            tuple(spots),
+            mid_hips(motion),
+            scale,
+            leg_ratio(motion.character, character),
+            motion.fps,
         )
 
     def blended(self, foot: int, values: Sequence[Array]) -> Array:
@@ -162,7 +173,7 @@ class Strides:
         paths, moved = [], []
         for foot in self.standing():
             path = foot_path(
-                *(self.feet[foot], foot, pose, self.stances, footholds, ground, guess.fps)
+                self.feet[foot], foot, pose, self.stances, footholds, ground, guess.fps
             )
             planned = [
                 spot.source_pos * (1, 1, 0) - stance.source_pos * (1, 1, 0)
@@ -177,7 +188,7 @@ class Strides:
         pose = Kinematics(guess.model, guess.nframe).forward(guess.qpos)
         place, turn = pose.site_xpos.copy(), pose.site_xmat.copy()
         anchors = [stance.source_pos for stance in self.stances]
-        legs = leg_ratio(self.pose.model, guess.model)
+        legs = self.legs
         for index in self.standing():
             mine, theirs = self.feet[index], self.source[index]
             column, other = site_id(pose.model, mine.site), site_id(self.pose.model, theirs.site)

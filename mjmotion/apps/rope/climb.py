@@ -11,10 +11,8 @@ when the humanoid's did, and the rope is simulated against both.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,17 +22,19 @@ from mjmotion.apps.rope.grasps import places_along
 from mjmotion.apps.rope.measure import RopeFigures, measure
 from mjmotion.apps.rope.points import rope_points
 from mjmotion.apps.rope.simulate import simulate
-from mjmotion.body.assets import find_asset
-from mjmotion.body.kinematics import character_geoms
+from mjmotion.body.character import Character, CharacterLike, joint_names
 from mjmotion.body.motion import Motion
 from mjmotion.clips.climb import climb_constraints, climb_contacts, make_climb
 from mjmotion.clips.climb_grip import find_grips
 from mjmotion.clips.climb_plan import Hold, plan_holds
 from mjmotion.constraints import SiteConstraint
+from mjmotion.constraints.unmet import Unmet
 from mjmotion.exceptions import ConstraintError, ModelError
-from mjmotion.fitting import Trace, Unmet, fit
+from mjmotion.fitting import Trace, fit
 from mjmotion.footsteps.contacts import Contact
-from mjmotion.scene import Scene, compose, rope
+from mjmotion.ik import IKSolver
+from mjmotion.numerics.progress import Progress, no_progress
+from mjmotion.scene import Scene, compose, rope, without_scene
 from mjmotion.scene.rope import BEAM, EDGE
 from mjmotion.validation.figures import joint_jerk_ratio
 
@@ -61,7 +61,6 @@ class RopeClimb:
       unmet: constraints that could not be met.
       original_figures, figures: what was measured of the humanoid, and of the character.
       jerk_ratio: RMS joint jerk of the fitted climb over the original's.
-      original_spec, spec: humanoid and rope, and character and rope.
     """
 
     character: str
@@ -76,8 +75,6 @@ class RopeClimb:
     original_figures: RopeFigures
     figures: RopeFigures
     jerk_ratio: float
-    original_spec: mujoco.MjSpec
-    spec: mujoco.MjSpec
 
     def broken(self) -> list[str]:
         """Return one line for every figure that is not what it should be."""
@@ -107,47 +104,52 @@ class ClimbPlan:
     shift: Array
 
 
-def plan_climb(character: str | Path) -> ClimbPlan:
+def plan_climb(character: CharacterLike) -> ClimbPlan:
     """Return the climb on a character, ready for the fit.
+
+    Args:
+      character: the character, or what names one.
 
     Raises:
       ModelError: no such character, or it lacks hands and feet or the humanoid's joints.
       ConstraintError: its hands and feet do not reach so far apart: the rope is out of reach.
     """
-    humanoid, other = (_alone(find_asset("model", name)) for name in (ORIGINAL, character))
+    humanoid, other = (_alone(Character.of(name)) for name in (ORIGINAL, character))
     constraints = climb_constraints(other)
     try:
-        check_span(other, constraints)
+        check_span(other.model, constraints)
     except ConstraintError as error:
         raise ConstraintError(f"the rope is out of reach: {error}", error.frames) from None
     original = make_climb(humanoid)
-    try:
-        guess = original.on(other)
-    except ModelError as error:
-        raise ModelError(f"character '{character}' cannot climb as the humanoid: {error}") from None
+    if joint_names(other.model) != original.joint_names:
+        raise ModelError(
+            f"character '{other.name}' cannot climb as the humanoid: the two models have different"
+            " joints: retarget the motion instead"
+        )
+    guess = Motion(other, original.qpos, original.fps)
     return ClimbPlan(original, guess, constraints, held_shift(guess, constraints))
 
 
 def climb_rope(
-    character: str | Path = "climber",
+    character: CharacterLike = "climber",
     *,
     beam: float = BEAM,
     length: float | None = None,
     edge: float = EDGE,
     levels: Sequence[float] | None = None,
-    ik: str = "hybrid",
-    progress: Callable[[str], None] | None = None,
+    ik: str | IKSolver = "hybrid",
+    progress: Progress = no_progress,
 ) -> RopeClimb:
     """Put the built-in climb on a character and simulate the rope against both.
 
     Args:
-      character: MJCF file, or name of one of our models.
+      character: the character, or what names one.
       beam: height that the rope hangs from [m].
       length: of the rope [m]; down to 0.3 m over the floor without.
       edge: distance of the points that the rope is made of [m], about.
       levels: frames a knot, coarse to fine.
-      ik: ``"hybrid"`` or ``"numeric"``.
-      progress: called with what is being done.
+      ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
+      progress: called with stage, done, of.
 
     Raises:
       ModelError: no such character, or it lacks hands and feet or the humanoid's joints.
@@ -155,37 +157,35 @@ def climb_rope(
       ConstraintError: the rope is out of reach.
       FitError: settings that make no sense, or a simulation that went astray.
     """
-    tell = progress if progress is not None else lambda text: None
-    file = find_asset("model", character)
-    tell("hanging up the ropes")
+    other = Character.of(character)
+    progress("hanging up the ropes", 0, 0)
     length = beam - _END if length is None else length
     scene = Scene.from_spec(rope(beam=beam, length=length, edge=edge), "rope")
     holds, contacts = plan_holds(), climb_contacts()
-    specs = [compose(which, scene) for which in (ORIGINAL, file)]
-    models = [spec.compile() for spec in specs]
-    line = rope_points(models[0])
+    climbers = [compose(which, scene) for which in (ORIGINAL, other)]
+    line = rope_points(climbers[0].model)
     places_along(holds, line.rest[0], line.length)  # out of reach is known before any work
-    tell("climbing")
-    plan = plan_climb(file)
+    progress("climbing", 0, 0)
+    plan = plan_climb(other)
     original, guess, constraints = plan.original, plan.guess, plan.constraints
-    tell("fitting")
+    progress("fitting", 0, 0)
     fitted = fit(guess, constraints, levels=levels, ik=ik, first_guess=plan.shift)
     motions = []
     for number, motion in enumerate((original, fitted.motion)):
-        tell(f"simulating the rope of the {(ORIGINAL, file.stem)[number]}")
-        poses = simulate(specs[number], motion, holds)
-        motions.append(Motion(models[number], poses, motion.fps))
-    tell("measuring")
+        progress(f"simulating the rope of the {(ORIGINAL, other.name)[number]}", 0, 0)
+        poses = simulate(climbers[number].spec, motion, holds)
+        motions.append(Motion(climbers[number], poses, motion.fps))
+    progress("measuring", 0, 0)
     figures = [
-        measure(spec, motion, holds, find_grips(alone))
-        for spec, motion, alone in zip(specs, motions, (original.model, guess.model), strict=True)
+        measure(motion, holds, find_grips(alone))
+        for motion, alone in zip(motions, (original.model, guess.model), strict=True)
     ]
     source = motions[0].qpos.copy()
     source[:, : guess.model.nq] = guess.qpos
     return RopeClimb(
-        file.stem,
+        other.name,
         motions[0],
-        Motion(models[1], source, guess.fps),
+        Motion(climbers[1], source, guess.fps),
         motions[1],
         holds,
         contacts,
@@ -195,14 +195,12 @@ def climb_rope(
         figures[0],
         figures[1],
         joint_jerk_ratio(fitted.motion, (original,)),
-        specs[0],
-        specs[1],
     )
 
 
-def _alone(path: Path) -> mujoco.MjModel:
+def _alone(character: Character) -> Character:
     """Return a character without what else its file has in its world."""
-    model = mujoco.MjModel.from_xml_path(str(path))
-    if len(character_geoms(model)) == 0:
-        raise ModelError(f"character '{path}' has no geoms: it has nothing to hold a rope with")
-    return model
+    if len(character.geoms) == 0:
+        name = character.name
+        raise ModelError(f"character '{name}' has no geoms: it has nothing to hold a rope with")
+    return without_scene(character)

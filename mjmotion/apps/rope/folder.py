@@ -67,8 +67,8 @@ def write_climb(
             (folder / name).write_text(text + "\n", encoding="utf-8")
     except OSError as error:
         raise OutputError(f"cannot write into '{folder}': {error.strerror or error}") from error
-    save_model(climb.spec, folder, MODEL)
-    save_model(climb.original_spec, folder, ORIGINAL_MODEL)
+    save_model(climb.motion.character.spec, folder, MODEL)
+    save_model(climb.original.character.spec, folder, ORIGINAL_MODEL)
     if video:
         render_climb(folder / VIDEO, climb, progress=progress)
 

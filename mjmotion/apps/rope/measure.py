@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.apps.rope.points import RopePoints, nearest_on_rope, rope_points
-from mjmotion.body.joint_limits import limit_excess
 from mjmotion.body.kinematics import Kinematics, Pose, character_geoms, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.clips.climb_grip import Grip
@@ -65,14 +64,11 @@ class RopeFigures:
         return lines
 
 
-def measure(
-    spec: mujoco.MjSpec, motion: Motion, holds: Sequence[Hold], grips: Mapping[str, Grip]
-) -> RopeFigures:
+def measure(motion: Motion, holds: Sequence[Hold], grips: Mapping[str, Grip]) -> RopeFigures:
     """Measure a climber and its rope.
 
     Args:
-      spec: both in one.
-      motion: both, on the model of ``spec``.
+      motion: both in one.
       holds: who holds what when.
       grips: how this character's hands and feet lie against the rope.
     """
@@ -87,7 +83,7 @@ def measure(
         drift = max(drift, float(np.linalg.norm(place - place.mean(axis=0), axis=1).max()))
         grip = place + pose.site_xmat[frames, site] @ grips[hold.site].to_rope
         held = max(held, float(nearest_on_rope(points[frames], grip)[0].max()))
-    gap, geom, frame = least_distance(spec, rope, pose, points, holds)
+    gap, geom, frame = least_distance(motion.character.spec, rope, pose, points, holds)
     edges = np.diff(points, axis=1)
     edges /= np.linalg.norm(edges, axis=2, keepdims=True)
     bend = np.arccos(np.clip((edges[:, 1:] * edges[:, :-1]).sum(axis=2), -1.0, 1.0))
@@ -98,7 +94,7 @@ def measure(
         free_part=_name(model, geom),
         free_frame=frame,
         drift_mm=1000.0 * drift,
-        limit_rad=float(limit_excess(model, motion.qpos).max(initial=0.0)),
+        limit_rad=float(motion.character.limits.excess(motion.qpos).max(initial=0.0)),
         swing_mm=1000.0 * float(np.linalg.norm(np.ptp(tip, axis=0))),
         bend_deg=float(np.degrees(bend.max(initial=0.0))),
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -53,7 +52,6 @@ class RopePoints:
         return np.asarray((1.0 - share) * points[..., edge, :] + share * points[..., edge + 1, :])
 
 
-@lru_cache(maxsize=8)
 def rope_points(model: mujoco.MjModel) -> RopePoints:
     """Return the rope of a model.
 

@@ -8,14 +8,14 @@ on level ground, the mean of where the blend puts that foot; feet go there as on
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.apps.adaptation import carry_out
+from mjmotion.apps.adaptation import FitSettings, as_clip, fit_plan
 from mjmotion.apps.transition.blend import blend
 from mjmotion.apps.transition.overlap import (
     Overlap,
@@ -26,11 +26,14 @@ from mjmotion.apps.transition.overlap import (
 )
 from mjmotion.apps.transition.sampling import resample, resample_contacts
 from mjmotion.apps.transition.warp import find_warp
-from mjmotion.body.feet import find_feet
 from mjmotion.body.motion import Motion
+from mjmotion.clips import load_clip
 from mjmotion.exceptions import ClipError, ModelError
+from mjmotion.fitting import TOLERANCE
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
-from mjmotion.footsteps.plan import plan
+from mjmotion.footsteps.plan import make_plan
+from mjmotion.ik import IKSolver
+from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.output.result import Result
 from mjmotion.scene import load_scene, with_ground
 
@@ -99,7 +102,9 @@ def blend_clips(
         pair = (standing, others)
         if place is None:
             where = find_overlap(
-                *(first, second, pair),
+                first,
+                second,
+                pair,
                 length=_length(ready, number, length),
                 earliest=earliest,
                 spare=_spare(ready, places, number + 1, length),
@@ -154,7 +159,7 @@ def _at_one_rate(clips: Sequence[Motion], contacts: Sequence[Contacts]) -> list[
     for number, (clip, given) in enumerate(zip(clips, contacts, strict=True), start=1):
         _check_level(clip, number)
         try:
-            clip = clip.on(clips[0].model)
+            clip = clip.on(clips[0].character)
         except ModelError as error:
             raise ClipError(
                 f"clip {number} has another model than clip 1: clips of one character can be"
@@ -167,7 +172,7 @@ def _at_one_rate(clips: Sequence[Motion], contacts: Sequence[Contacts]) -> list[
             found = check_contacts(given, clip.model, clip.nframe)
             found = resample_contacts(found, clip.fps, fps, motion.nframe)
         ready.append((motion, found))
-    find_feet(clips[0].model)
+    _ = clips[0].character.feet  # a character without feet has no contacts to join
     return ready
 
 
@@ -181,30 +186,29 @@ def _check_level(clip: Motion, number: int) -> None:
         )
 
 
-def join(
-    clips: Sequence[Motion],
+def join(  # more than eight parameters: all but the first have a default
+    clips: Sequence[Motion | str | Path],
     *,
     overlaps: Sequence[Place | None] | None = None,
     contacts: Sequence[Contacts] | None = None,
     length: int | None = None,
-    character: str | Path = "humanoid",
     levels: Sequence[float] | None = None,
-    tolerance: float = 1e-4,
-    ik: str = "hybrid",
-    progress: Callable[[str], None] | None = None,
+    tolerance: float = TOLERANCE,
+    ik: str | IKSolver = "hybrid",
+    progress: Progress = no_progress,
 ) -> Result:
     """Join clips by transitions and enforce their contacts on level ground.
 
     Args:
-      clips: two or more, of one model; the others are put at the first's rate.
+      clips: two or more, on one character; or files or built-in names. The others are put at the
+        first's rate.
       overlaps: one fewer, as :func:`blend_clips` takes them.
       contacts: of each clip; found in it where None.
       length: frames that an overlap lasts which is found.
-      character: the MJCF that the clips are on, or the name of one of ours.
-      levels: frames a knot, coarse to fine.
+      levels: frames a knot of each level, coarse to fine.
       tolerance: refinement stops once no constraint is off by more [m].
-      ik: ``"hybrid"`` or ``"numeric"``.
-      progress: called with the name of each stage as it begins.
+      ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
+      progress: called with stage, done, of.
 
     Returns:
       The source is the blend, before the fit.
@@ -213,67 +217,41 @@ def join(
       ClipError, ContactError: as :func:`blend_clips`; a clip in which no foot stands.
       ConstraintError, ModelError, FitError: bad input.
     """
-    say = progress or (lambda stage: None)
-    say("overlaps and blends")
-    joined = blend_clips(clips, overlaps=overlaps, contacts=contacts, length=length)
-    return keep_contacts(
-        joined,
-        character=character,
-        levels=levels,
-        tolerance=tolerance,
-        ik=ik,
-        progress=progress,
-    )
+    progress("overlaps and blends", 0, 0)
+    motions = [clip if isinstance(clip, Motion) else load_clip(clip) for clip in clips]
+    joined = blend_clips(motions, overlaps=overlaps, contacts=contacts, length=length)
+    return keep_contacts(joined, FitSettings(levels, tolerance, ik, progress))
 
 
-def keep_contacts(
-    joined: Joined,
-    *,
-    character: str | Path = "humanoid",
-    levels: Sequence[float] | None = None,
-    tolerance: float = 1e-4,
-    ik: str = "hybrid",
-    progress: Callable[[str], None] | None = None,
-) -> Result:
+def keep_contacts(joined: Joined, settings: FitSettings | None = None) -> Result:
     """Enforce the contacts of clips in one on level ground.
 
     Args:
       joined: what :func:`blend_clips` returned.
-      character: the MJCF that the clips are on, or the name of one of ours.
-      levels: frames a knot, coarse to fine.
-      tolerance: refinement stops once no constraint is off by more [m].
-      ik: ``"hybrid"`` or ``"numeric"``.
-      progress: called with the name of each stage as it begins.
+      settings: how it is fitted.
 
     Raises:
       ContactError: no foot stands in any clip.
       ConstraintError, ModelError, FitError: bad input.
     """
-    if progress is not None:
-        progress("footholds")
-    what = plan(joined.motion, load_scene("flat"), joined.contacts)
-    return carry_out(
-        *(what, with_ground(character), character),
-        levels=levels,
-        tolerance=tolerance,
-        ik=ik,
-        progress=progress,
-    )
+    settings = FitSettings() if settings is None else settings
+    settings.progress("footholds", 0, 0)
+    plan = make_plan(as_clip(joined.motion), load_scene("flat"), joined.contacts)
+    return fit_plan(plan, with_ground(joined.motion.character), settings=settings)
 
 
-def transition(
-    a: Motion,
-    b: Motion,
+def transition(  # more than eight parameters: all but the first two have a default
+    a: Motion | str | Path,
+    b: Motion | str | Path,
     *,
     overlap: Place | None = None,
     contacts_a: Contacts = None,
     contacts_b: Contacts = None,
     length: int | None = None,
-    character: str | Path = "humanoid",
     levels: Sequence[float] | None = None,
-    tolerance: float = 1e-4,
-    ik: str = "hybrid",
-    progress: Callable[[str], None] | None = None,
+    tolerance: float = TOLERANCE,
+    ik: str | IKSolver = "hybrid",
+    progress: Progress = no_progress,
 ) -> Result:
     """Go over from one clip into another; see :func:`join`.
 
@@ -284,11 +262,10 @@ def transition(
       contacts_a: who stands when in ``a``; found in it without.
       contacts_b: the same of ``b``.
       length: frames that an overlap lasts which is found.
-      character: the MJCF that the clips are on, or the name of one of ours.
-      levels: frames a knot, coarse to fine.
+      levels: frames a knot of each level, coarse to fine.
       tolerance: refinement stops once no constraint is off by more [m].
-      ik: ``"hybrid"`` or ``"numeric"``.
-      progress: called with the name of each stage as it begins.
+      ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
+      progress: called with stage, done, of.
 
     Raises:
       ClipError, ContactError, ConstraintError, ModelError, FitError: as :func:`join`.
@@ -298,7 +275,6 @@ def transition(
         overlaps=[overlap],
         contacts=[contacts_a, contacts_b],
         length=length,
-        character=character,
         levels=levels,
         tolerance=tolerance,
         ik=ik,

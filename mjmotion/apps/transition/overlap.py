@@ -15,11 +15,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.feet import Foot, find_feet
+from mjmotion.body.feet import Foot
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ClipError
 from mjmotion.footsteps.contacts import Contact, contact_mask, contact_sites
-from mjmotion.ik.solver import default_weights
+from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.numerics.tangent import ominus
 
@@ -77,7 +77,7 @@ class Traits:
           step: frames from one to the next.
         """
         model, qpos = motion.model, motion.qpos
-        weight = default_weights(model)
+        weight = default_rigidity(model)
         weight[:6] = weight[6:].max(initial=1.0)
         weight /= weight[6:].sum() if model.nv > 6 else 1.0
         heading = yaw_quat(-headings(motion))
@@ -148,7 +148,7 @@ def strikes(
 def stride_frames(motion: Motion, contacts: Sequence[Contact]) -> float | None:
     """Return how many frames a stride of a clip takes; None where it shows no whole stride."""
     gaps = []
-    for foot in find_feet(motion.model):
+    for foot in motion.character.feet:
         for events in strikes(foot, contacts, motion):
             gaps.extend(np.diff(events).tolist())
     return float(np.median(gaps)) if gaps else None

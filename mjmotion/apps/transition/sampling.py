@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjmotion.body.motion import Motion, quaternion_addresses
+from mjmotion.body.character import quaternion_addresses
+from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ClipError
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.numerics.rotations import continuous, normalized
@@ -50,7 +51,7 @@ def resample(motion: Motion, fps: float) -> Motion:
         return motion
     count = int(np.floor(motion.duration * fps + 1e-6)) + 1
     qpos = sample(motion, np.arange(count) * (motion.fps / fps))
-    return Motion(motion.model, qpos, fps)
+    return Motion(motion.character, qpos, fps)
 
 
 def resample_contacts(

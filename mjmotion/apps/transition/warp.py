@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.apps.transition.overlap import Overlap, cadence_ratio, strikes
-from mjmotion.body.feet import find_feet
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ClipError
 from mjmotion.footsteps.contacts import Contact
@@ -143,7 +142,7 @@ def _pairs(
     """Return places of like events in the first clip and the second (n, 2), both rising."""
     low, high = overlap.first - _NEAR * span, overlap.first + (1.0 + _NEAR) * span
     pairs: list[tuple[float, float]] = []
-    for foot in find_feet(first.model):
+    for foot in first.character.feet:
         kinds = (
             strikes(foot, given, clip)
             for clip, given in ((first, contacts[0]), (second, contacts[1]))

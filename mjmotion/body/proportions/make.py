@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.assets import find_asset
+from mjmotion.body.character import Character, CharacterLike, read_spec
 from mjmotion.body.geom_points import geom_points
-from mjmotion.body.motion import check_free_root
+from mjmotion.body.kinematics import check_free_root
 from mjmotion.body.proportions.frames import BodyFrame
 from mjmotion.body.proportions.proportions import Proportions
 from mjmotion.body.proportions.scaling import Scaling
@@ -20,13 +20,11 @@ from mjmotion.exceptions import ModelError, mujoco_message
 Array = NDArray[np.float64]
 
 
-def make_character(
-    source: str | Path | mujoco.MjSpec, proportions: Proportions | None = None
-) -> mujoco.MjSpec:
+def make_character(source: CharacterLike, proportions: Proportions | None = None) -> Character:
     """Return a humanoid of other proportions.
 
     Args:
-      source: name of one of our models, an MJCF file, or a spec; it is not changed.
+      source: a character, or what names one; it is not changed.
       proportions: the factors; all 1 without.
 
     Raises:
@@ -34,7 +32,7 @@ def make_character(
         that is to be scaled.
     """
     proportions = Proportions() if proportions is None else proportions
-    spec = load_spec(source)
+    spec = _spec_of(source)
     name = spec.modelname or "the model"
     before = _compile(spec, name)
     check_free_root(before)
@@ -46,27 +44,18 @@ def make_character(
         if total is not None:
             spec.compiler.settotalmass = total * _mass(spec) / _mass(_untouched(source))
         _scale_tendons(spec, before, after)
-        _compile(spec, name)
+        return Character(_compile(spec, name), spec, name)
     except (ValueError, mujoco.FatalError) as error:
         raise ModelError(
             f"'{name}' cannot be given these proportions: {mujoco_message(error)}"
         ) from error
-    return spec
 
 
-def load_spec(source: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
-    """Return the spec of a model's name, an MJCF file or a spec; always a new one.
-
-    Raises:
-      ModelError: there is no such model, or MuJoCo cannot read it.
-    """
-    if isinstance(source, mujoco.MjSpec):
-        return source.copy()
-    path = find_asset("model", source).resolve()
-    try:
-        return mujoco.MjSpec.from_file(str(path))
-    except (ValueError, OSError, mujoco.FatalError) as error:
-        raise ModelError(f"model '{path}' cannot be read: {mujoco_message(error)}") from error
+def _spec_of(source: CharacterLike) -> mujoco.MjSpec:
+    """Return the spec of a character, or of what names one; always a new one."""
+    if isinstance(source, str | Path | mujoco.MjSpec):
+        return read_spec(source)[0]
+    return Character.of(source).spec.copy()
 
 
 def _compile(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
@@ -85,8 +74,8 @@ def _without_total(spec: mujoco.MjSpec) -> float | None:
     return total
 
 
-def _untouched(source: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
-    spec = load_spec(source)
+def _untouched(source: CharacterLike) -> mujoco.MjSpec:
+    spec = _spec_of(source)
     _without_total(spec)
     return spec
 
@@ -146,4 +135,4 @@ def _scale_tendons(spec: mujoco.MjSpec, before: mujoco.MjModel, after: mujoco.Mj
             tendon.springlength = np.where(lengths > 0, lengths * factor, lengths)
 
 
-__all__ = ["load_spec", "make_character"]
+__all__ = ["make_character"]

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.parts import Limb, Parts, find_parts
+from mjmotion.body.parts import LimbParts, Parts, find_parts
 from mjmotion.exceptions import ModelError
 
 Array = NDArray[np.float64]
@@ -112,6 +112,6 @@ def stretch(direction: Array, along: float, across: float) -> Array:
     return np.asarray(across * np.eye(3) + (along - across) * np.outer(unit, unit))
 
 
-def _bones(limb: Limb) -> tuple[Array, Array]:
+def _bones(limb: LimbParts) -> tuple[Array, Array]:
     hip, knee, ankle = limb.points
     return knee - hip, ankle - knee

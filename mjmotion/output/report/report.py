@@ -14,7 +14,6 @@ import mujoco
 
 from mjmotion.body.morph_body import MorphBody
 from mjmotion.body.motion import Motion
-from mjmotion.constraints.unmet import all_missed
 from mjmotion.exceptions import MotionError, OutputError
 from mjmotion.footsteps.contacts import load_contacts
 from mjmotion.output.report.facts import Facts
@@ -62,10 +61,7 @@ class Report(Facts):
             tuple(_level(level) for level in adaptation.trace.levels),
             float(adaptation.trace.fit_seconds),
             float(adaptation.trace.exact_error_percent),
-            tuple(
-                missed.as_dict()
-                for missed in all_missed(adaptation.unmet, adaptation.motion, constraints)
-            ),
+            tuple(one.as_dict() for one in adaptation.unmet),
             title,
             body,
         )

@@ -16,12 +16,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-import mujoco
 import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from mjmotion.body.bones import Bones
+from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics, Pose, body_dofs
 from mjmotion.constraints import Targets
 from mjmotion.constraints.shared_targets import SharedMove
@@ -72,12 +72,12 @@ class Problem:
     """Residuals and their sparse Jacobian.
 
     Args:
-      model: the model.
+      character: the body.
       guess: (nframe, nq) the motion after the first guess.
       targets: what is to hold, without any move.
       moves: the shared moves.
-      weights: (nv,) rigidity α of Eq. 4.
-      spacing: frames a knot.
+      rigidity: (nv,) α of Eq. 4.
+      frames_per_knot: frames a knot.
       bones: a body for each frame, where it changes.
 
     Attributes:
@@ -88,25 +88,26 @@ class Problem:
 
     def __init__(
         self,
-        model: mujoco.MjModel,
+        character: Character,
         guess: Array,
         targets: Targets,
         moves: Sequence[SharedMove],
-        weights: Array,
-        spacing: float,
+        rigidity: Array,
+        frames_per_knot: float,
         bones: Bones | None = None,
     ) -> None:
+        model = character.model
         self.model, self.guess = model, guess
         self.moved = MovedTargets(moves, targets, model)
         serving = np.zeros(model.nv, dtype=bool)
         for site in targets.sites:
             serving |= body_dofs(model, int(model.site_bodyid[site]))
         self.dofs = np.flatnonzero(serving)
-        self.alpha = weights[self.dofs]
+        self.alpha = rigidity[self.dofs]
         self._turning = turning_threes(model, self.dofs)
-        self.ranges = Ranges(model, self.dofs, self._turning)
+        self.ranges = Ranges(character, self.dofs, self._turning)
         nframe = len(guess)
-        basis = basis_matrix(np.arange(nframe), nframe, spacing)
+        basis = basis_matrix(np.arange(nframe), nframe, frames_per_knot)
         self.ncontrol = basis.shape[1]
         nfree = int(self.moved.free.sum())
         self.nunknown = self.ncontrol * len(self.dofs) + nfree

@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body import joint_limits as limits
+from mjmotion.body.character import Character
+from mjmotion.body.joint_limits import swing_twist
 from mjmotion.numerics.rotations import log
 from mjmotion.paper.spacetime.rotating import swing_twist_jacobian
 
@@ -29,8 +30,8 @@ def turning_threes(model: mujoco.MjModel, dofs: Rows) -> Rows:
 class Ranges:
     """Angles that have a range, of joints that serve: hinges, swings and twists, whole angles."""
 
-    def __init__(self, model: mujoco.MjModel, dofs: Rows, turning: Rows) -> None:
-        boxes = limits.ball_limits(model)
+    def __init__(self, character: Character, dofs: Rows, turning: Rows) -> None:
+        model, boxes = character.model, character.limits.boxes
         self._width, self._turning = len(dofs), turning
         self._parts: list[tuple[int, int, int]] = []  # qpos address, place in dofs, kind
         bounds: list[Array] = [np.empty((0, 2))]
@@ -64,7 +65,7 @@ class Ranges:
                 turn = log(qpos[:, address : address + 4])
                 found.append(np.linalg.norm(turn, axis=1, keepdims=True))
             else:
-                found.append(limits.swing_twist(qpos[:, address : address + 4]))
+                found.append(swing_twist(qpos[:, address : address + 4]))
         return np.concatenate(found, axis=1)
 
     def out(self, angles: Array) -> Array:

@@ -25,17 +25,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.body.bones import Bones
-from mjmotion.body.joint_coupling import coupling
-from mjmotion.body.kinematics import character_height
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import Constraint, SiteConstraint, Targets, lay_out
 from mjmotion.constraints.shared_targets import SharedMove, free_moves
+from mjmotion.constraints.unmet import residuals
 from mjmotion.exceptions import FitError
-from mjmotion.fitting import default_levels, residuals
-from mjmotion.fitting.algorithm import contact_shift
+from mjmotion.fitting import contact_shift, default_levels
 from mjmotion.fitting.exact import ExactPass
 from mjmotion.ik.hybrid import HybridIK
-from mjmotion.ik.solver import default_weights
+from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.tangent import ominus
 from mjmotion.paper.spacetime.problem import Problem, State
 
@@ -89,8 +87,8 @@ def solve_spacetime(
     *,
     shared: Sequence[SharedMove] = (),
     first_guess: Array | bool = True,
-    spacing: float = SPACING,
-    weights: ArrayLike | None = None,
+    frames_per_knot: float = SPACING,
+    rigidity: ArrayLike | None = None,
     penalties: Sequence[float] | None = None,
     tolerance: float = TOLERANCE,
     exact: bool = True,
@@ -104,8 +102,8 @@ def solve_spacetime(
       shared: moves that frames have in common (§7), besides those of ``free`` constraints.
       first_guess: as for ``fit``: the contacts' average shift (§4.5), nothing, or
         a path (nframe, 3) for the root [m].
-      spacing: frames a knot of the one displacement spline.
-      weights: (nv,) rigidity α of Eq. 4.
+      frames_per_knot: frames a knot of the one displacement spline.
+      rigidity: (nv,) α of Eq. 4.
       penalties: ω of each round, rising; without, chosen by whether every frame has its own knot.
       tolerance: a round ends when a step lowers the sum of squares by a smaller share.
       exact: meet at the end what is left (§4.4).
@@ -116,8 +114,8 @@ def solve_spacetime(
       ConstraintError, ModelError: a frame or site that does not exist.
     """
     began = time.perf_counter()
-    alpha = default_weights(motion.model) if weights is None else np.asarray(weights, np.float64)
-    _check(motion, constraints, alpha, spacing, penalties, tolerance)
+    alpha = _alpha(motion, rigidity)
+    _check(motion, constraints, alpha, frames_per_knot, penalties, tolerance)
     targets = lay_out(constraints, motion.model, motion.nframe)
     guess = np.array(motion.qpos)
     if isinstance(first_guess, np.ndarray):
@@ -125,16 +123,16 @@ def solve_spacetime(
     elif first_guess and targets.contact.any():
         guess[:, :3] += contact_shift(motion, targets, default_levels(motion.fps), bones)
     moves = [*shared, *free_moves(constraints)]
-    problem = Problem(motion.model, guess, targets, moves, alpha, spacing, bones)
+    problem = Problem(motion.character, guess, targets, moves, alpha, frames_per_knot, bones)
     if penalties is None:
-        penalties = MET if spacing <= 1.0 else COARSE
+        penalties = MET if frames_per_knot <= 1.0 else COARSE
     state, iterations, converged = _minimise(problem, penalties, tolerance)
     found = motion.replace(state.qpos)
     left = float(residuals(found, state.targets, bones).max(initial=0.0))
-    if exact and left > _EXACT * character_height(motion.model):
-        solver = HybridIK(motion.model, alpha, bones=bones)
+    if exact and left > _EXACT * motion.character.height:
+        closing = HybridIK(motion.character, alpha, bones=bones).prepare(state.targets)
         coarsest = default_levels(motion.fps)[0]
-        qpos, _ = ExactPass(motion, solver, state.targets, coarsest, bones)(state.qpos)
+        qpos, _ = ExactPass(motion, closing, state.targets, coarsest, bones)(state.qpos)
         found = motion.replace(qpos)
     return Spacetime(
         found,
@@ -155,7 +153,7 @@ def solve_spacetime(
 def objective(
     motion: Motion,
     guess: Array,
-    weights: ArrayLike | None = None,
+    rigidity: ArrayLike | None = None,
     values: Array | None = None,
     shared: Sequence[SharedMove] = (),
 ) -> float:
@@ -164,11 +162,11 @@ def objective(
     Args:
       motion: the motion.
       guess: (nframe, nq) the motion after the first guess.
-      weights: (nv,) rigidity α of Eq. 4.
+      rigidity: (nv,) α of Eq. 4.
       values: (nshared, 4) what shared moves came to.
       shared: those moves.
     """
-    alpha = default_weights(motion.model) if weights is None else np.asarray(weights, np.float64)
+    alpha = _alpha(motion, rigidity)
     deviation = ominus(motion.model, motion.qpos, guess)
     cost = float(np.sum(alpha * deviation**2))
     if values is not None:
@@ -177,18 +175,22 @@ def objective(
     return cost
 
 
+def _alpha(motion: Motion, rigidity: ArrayLike | None) -> Array:
+    return default_rigidity(motion.model) if rigidity is None else np.asarray(rigidity, np.float64)
+
+
 def _check(
     motion: Motion,
     constraints: Sequence[Constraint],
     alpha: Array,
-    spacing: float,
+    frames_per_knot: float,
     penalties: Sequence[float] | None,
     tolerance: float,
 ) -> None:
     if alpha.shape != (motion.model.nv,) or not (alpha > 0).all():
-        raise FitError(f"weights must be {motion.model.nv} positive numbers, one a dof")
-    if not (math.isfinite(spacing) and spacing > 0.0):
-        raise FitError(f"spacing {spacing} must be a positive number of frames a knot")
+        raise FitError(f"rigidity must be {motion.model.nv} positive numbers, one a dof")
+    if not (math.isfinite(frames_per_knot) and frames_per_knot > 0.0):
+        raise FitError(f"{frames_per_knot} frames a knot must be a positive number")
     if penalties is not None and not (len(penalties) and min(penalties) > 0.0):
         raise FitError(f"penalties {list(penalties)} must be positive numbers, at least one")
     if not tolerance > 0.0:
@@ -201,7 +203,7 @@ def _check(
                 f"{type(constraint).__name__} on site '{constraint.site}': the one large"
                 " optimisation takes places and orientations of sites only; fit takes all kinds"
             )
-    if coupling(motion.model):
+    if motion.character.coupling:
         raise FitError(
             "the model couples joints: the one large optimisation cannot; give the rigid model"
         )

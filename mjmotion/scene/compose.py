@@ -1,14 +1,12 @@
-"""Scenes: load one, and put a character into it.
+"""A character put into a scene, taken out of it again, or put on a level floor.
 
-scene = load_scene("terrain")              # or a path to any MJCF
-spec = compose("humanoid", scene)          # both in one model
-model = spec.compile()
+character = compose("humanoid", "terrain")     # both in one model
+character.model, character.spec
 """
 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,80 +16,17 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.assets import find_asset
-from mjmotion.body.kinematics import character_geoms
-from mjmotion.body.motion import check_free_root
-from mjmotion.exceptions import ModelError, MotionError, SceneError, mujoco_message
-
-START_SITE = "start"
-"""Name of the site where a clip begins; its x-axis is the way it walks."""
+from mjmotion.body.character import Character, CharacterLike
+from mjmotion.body.joint_limits import LIMIT_PREFIX
+from mjmotion.exceptions import MotionError, SceneError, mujoco_message
+from mjmotion.scene.scene import Scene, SceneLike, load_scene
 
 _SUNSHINE = (-0.45, 0.25, -1.0)  # direction: the side to the right of the walk is lit
 _SUN_DISTANCE = 12.0  # nothing behind the light casts a shadow, so it stands over the scene
 
-LIMIT_PREFIX = "limit_"
-"""Of the names of custom numerics that belong to a character: limits of its ball joints."""
 
-_FILE_LIKE = (".xml", ".mjcf", ".urdf")
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Scene:
-    """A scene without a character.
-
-    Attributes:
-      spec: the scene; treat it as read-only, :func:`compose` works on a copy.
-      model: ``spec`` compiled.
-      name: short name for reports.
-      start_pos: (3,) where the clip begins [m]: the site ``start``, else the origin.
-      start_yaw: the way the clip walks, about z from +x [rad]: the x-axis of that site, else 0.
-    """
-
-    spec: mujoco.MjSpec
-    model: mujoco.MjModel
-    name: str
-    start_pos: NDArray[np.float64]
-    start_yaw: float
-
-    @classmethod
-    def from_spec(cls, spec: mujoco.MjSpec, name: str = "scene") -> Scene:
-        """Compile ``spec``, such as a builder returns, into a scene.
-
-        Raises:
-          SceneError: it does not compile, or its start site points straight up or down.
-        """
-        spec = spec.copy()
-        try:
-            model = spec.compile()
-        except (ValueError, OSError, mujoco.FatalError) as error:
-            raise SceneError(f"scene '{name}' does not compile: {mujoco_message(error)}") from error
-        pos, yaw = _start(model, name)
-        return cls(spec, model, name, pos, yaw)
-
-
-def load_scene(name_or_path: str | Path) -> Scene:
-    """Load one of the project's scenes by name, or any MJCF file.
-
-    Raises:
-      SceneError: there is no such scene or file, or it does not parse or compile.
-    """
-    path = find_asset("scene", name_or_path).resolve()
-    if path.suffix.lower() not in _FILE_LIKE:
-        raise SceneError(f"scene '{path}' is not an MJCF file (.xml): give a MuJoCo model")
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except (ValueError, OSError, mujoco.FatalError) as error:
-        raise SceneError(
-            f"scene '{path}' is not a MuJoCo model MuJoCo can read: {mujoco_message(error)}"
-        ) from error
-    try:
-        return Scene.from_spec(spec, path.stem)
-    except SceneError as error:
-        raise SceneError(str(error).replace(f"'{path.stem}'", f"'{path}'", 1)) from error
-
-
-def compose(character: str | Path | mujoco.MjSpec, scene: Scene) -> mujoco.MjSpec:
-    """Return the scene with a character in it, as a spec that compiles.
+def compose(character: CharacterLike, scene: SceneLike) -> Character:
+    """Return a character in a scene: one model of both.
 
     The character's names stay as they are and its root is the first joint, so ``qpos[:, :7]`` is
     the root and ``qpos[:, :character.nq]`` the character even where the scene has joints of its
@@ -101,15 +36,15 @@ def compose(character: str | Path | mujoco.MjSpec, scene: Scene) -> mujoco.MjSpe
     the same name in both are told apart by renaming the scene's.
 
     Args:
-      character: name of one of our models, a path to an MJCF with a free root, or a spec of one.
-      scene: the scene.
+      character: the character, or what names one.
+      scene: the scene, or what names one.
 
     Raises:
       ModelError: the character does not exist, does not compile, or has no free root.
       SceneError: a body, joint, geom or other element has the same name in both.
     """
-    spec = load_character(character)
-    stage = scene.spec.copy()
+    character, scene = Character.of(character), Scene.of(scene)
+    spec, stage = character.spec.copy(), scene.spec.copy()
     for key in list(stage.keys):  # states of the scene alone mean nothing once it has a character
         stage.delete(key)
     _strip_stage(spec, keep_sky=not any(_is_sky(texture) for texture in stage.textures))
@@ -122,43 +57,61 @@ def compose(character: str | Path | mujoco.MjSpec, scene: Scene) -> mujoco.MjSpe
     _dress(spec, scene.start_pos)
     spec = spec.copy()  # a copy does not repeat the attachment's warnings at every compilation
     try:
-        spec.compile()
+        model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise _clash(error, scene.name) from error
-    return spec
+    return Character(model, spec, character.name)
 
 
-def with_ground(character: str | Path) -> mujoco.MjSpec:
+def with_ground(character: CharacterLike) -> Character:
     """Return a character with the ground that its file has, or else on our level floor.
 
     Args:
-      character: name of one of our models, or an MJCF with a free root: a character alone, or one
-        in its scene such as the ``model.xml`` of a result folder.
+      character: a character alone, or one in its scene such as the ``model.xml`` of a result
+        folder; or what names one.
 
     Raises:
       ModelError: the character does not exist, does not compile, or has no free root.
     """
-    spec = load_character(character)
-    model = spec.compile()
-    if len(character_geoms(model)) < model.ngeom:
-        return spec
-    return compose(character, load_scene("flat"))
+    character = Character.of(character)
+    return compose(character, load_scene("flat")) if character.alone else character
 
 
-def scene_of(character: str | Path | mujoco.MjSpec) -> Scene | None:
+def without_scene(character: CharacterLike) -> Character:
+    """Return a character without the scene in which it stands; one alone is returned as it is.
+
+    Raises:
+      ModelError: the character does not exist, does not compile, or has no free root.
+    """
+    character = Character.of(character)
+    if character.alone:
+        return character
+    spec = character.spec.copy()
+    root = character.model.body(int(character.model.jnt_bodyid[0])).name
+    for kind in ("geoms", "lights", "cameras", "sites"):
+        for element in list(getattr(spec.worldbody, kind)):
+            spec.delete(element)
+    for body in list(spec.worldbody.bodies):
+        if body.name != root:
+            spec.delete(body)
+    return Character(spec.compile(), spec, character.name)
+
+
+def scene_of(character: CharacterLike) -> Scene | None:
     """Return the scene in which a model's character stands; None where it stands in nothing.
 
     Args:
-      character: as of :func:`load_character`, such as the ``model.xml`` of a result folder.
+      character: such as the ``model.xml`` of a result folder.
 
     Raises:
       ModelError: the character does not exist, does not compile, or has no free root.
       SceneError: what is left without the character is no scene.
     """
-    spec = load_character(character)
-    model = spec.compile()
-    if len(character_geoms(model)) == model.ngeom:
+    character = Character.of(character)
+    if character.alone:
         return None
+    spec, model = character.spec.copy(), character.model
+    spec.compile()  # numbers the copy's bodies as the model's
     name = spec.modelname.rsplit(" on ", 1)[-1]
     for kind in ("keys", "tuples", "sensors", "actuators", "tendons", "equalities", "excludes"):
         for element in list(getattr(spec, kind)):
@@ -172,51 +125,6 @@ def scene_of(character: str | Path | mujoco.MjSpec) -> Scene | None:
         for asset in [one for one in getattr(spec, kind) if _asset_name(one) not in names]:
             spec.delete(asset)
     return Scene.from_spec(spec, name)
-
-
-def _start(model: mujoco.MjModel, name: str) -> tuple[NDArray[np.float64], float]:
-    """Return position (3,) [m] and yaw [rad] of the start site in the scene's first pose."""
-    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, START_SITE)
-    if site < 0:
-        return np.zeros(3), 0.0
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    forward = data.site_xmat[site].reshape(3, 3)[:, 0]
-    if np.hypot(forward[0], forward[1]) < 1e-3:
-        raise SceneError(
-            f"site '{START_SITE}' of scene '{name}' points straight up or down:"
-            " its x-axis must show the way to walk"
-        )
-    return data.site_xpos[site].copy(), float(np.arctan2(forward[1], forward[0]))
-
-
-def load_character(character: str | Path | mujoco.MjSpec, *, known: bool = False) -> mujoco.MjSpec:
-    """Return a character's spec, a new one.
-
-    Args:
-      character: name of one of our models, a path to an MJCF, or a spec.
-      known: it has been loaded before, and needs no compiling to see whether it is good.
-
-    Raises:
-      ModelError: the character does not exist, does not compile, or has no free root.
-    """
-    path: str | Path
-    try:
-        if isinstance(character, mujoco.MjSpec):
-            path, spec = character.modelname, character.copy()
-        else:
-            path = find_asset("model", character).resolve()
-            spec = mujoco.MjSpec.from_file(str(path))
-        if known:
-            return spec
-        model = spec.compile()
-    except (ValueError, OSError, mujoco.FatalError) as error:
-        raise ModelError(f"character '{path}' does not compile: {mujoco_message(error)}") from error
-    try:
-        check_free_root(model)
-    except ModelError as error:
-        raise ModelError(f"character '{path}': {error}") from error
-    return spec
 
 
 def _strip_stage(spec: mujoco.MjSpec, keep_sky: bool) -> None:
