@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import TypeVar
 
 import mujoco
 import numpy as np
@@ -11,6 +12,8 @@ from mjmotion.body.assets import find_asset
 from mjmotion.body.joint_limits import clamp_to_limits
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
+
+T = TypeVar("T")
 
 # Joints of every kind, off-centre anchors, turned bodies, two sites.
 MIXED = """
@@ -79,6 +82,12 @@ def loop_quats(model: mujoco.MjModel, qpos: np.ndarray, site: str) -> np.ndarray
         mujoco.mj_kinematics(model, data)
         mujoco.mju_mat2Quat(quats[row], data.site(site).xmat)
     return quats
+
+
+def some(value: T | None) -> T:
+    """What is there, where the types say that it may be missing."""
+    assert value is not None
+    return value
 
 
 def pin(

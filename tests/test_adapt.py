@@ -215,13 +215,15 @@ def test_wishes_of_the_users() -> None:
 
 
 def test_wishes_out_of_reach_are_reported() -> None:
-    far = SiteConstraint("right_hand", np.arange(40, 44), (0.4, -0.2, 4.0))
+    far = SiteConstraint("right_hand", np.arange(40, 44), np.array((0.4, -0.2, 4.0)))
     result = adapt(clip(), scene("flat"), constraints=[far])
     (unmet,) = [one for one in result.unmet if "right_hand" in one.constraint]
     assert unmet.frames == (40, 41, 42, 43) and unmet.residual_mm > 1000.0
     with pytest.raises(ConstraintError):
         adapt(
-            clip(), scene("flat"), constraints=[SiteConstraint("face", np.array((999,)), (0, 0, 1))]
+            clip(),
+            scene("flat"),
+            constraints=[SiteConstraint("face", np.array((999,)), np.array((0, 0, 1)))],
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -15,7 +16,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.clips import find_rig, load_clip, map_clip, read_clip, write_csv
 from mjmotion.clips.bvh import read_bvh
 from mjmotion.clips.frames import drop_rest_frame, mend_glitches
-from mjmotion.clips.mapping import bend_leg
+from mjmotion.clips.mapping import Mapped, bend_leg
 from mjmotion.clips.recorded_feet import carry
 from mjmotion.clips.skeleton import Clip, axis_rotations, pose_skeleton
 from mjmotion.exceptions import ClipError
@@ -33,11 +34,11 @@ def model() -> mujoco.MjModel:
 
 
 @pytest.fixture(scope="module")
-def mapped(model):
+def mapped(model: mujoco.MjModel) -> Callable[[str], Mapped]:
     """Map each recording once."""
-    cache = {}
+    cache: dict[str, Mapped] = {}
 
-    def get(name: str):
+    def get(name: str) -> Mapped:
         path = MOCAP / "bvh" / f"{name}.bvh"
         if not path.is_file():
             pytest.skip("the recordings of shared/mocap are not here")
@@ -98,7 +99,7 @@ def write(folder: Path, text: str, name: str = "clip.bvh") -> Path:
     return path
 
 
-def test_bvh_positions_by_hand(tmp_path):
+def test_bvh_positions_by_hand(tmp_path: Path) -> None:
     clip = read_bvh(write(tmp_path, SMALL))
     assert clip.joint_names == ("Hips", "Knee")
     assert clip.fps == 30.0
@@ -108,7 +109,7 @@ def test_bvh_positions_by_hand(tmp_path):
     np.testing.assert_allclose(clip.end_positions("Knee"), [[10, 15, 30], [12, 20, 27]], atol=1e-12)
 
 
-def test_bvh_channel_order_is_the_files(tmp_path):
+def test_bvh_channel_order_is_the_files(tmp_path: Path) -> None:
     """R = Rx(90°) Ry(90°) takes z to x, R = Ry(90°) Rx(90°) takes z to -y."""
     for order, wanted in (("Xrotation Yrotation", (1, 0, 0)), ("Yrotation Xrotation", (0, -1, 0))):
         text = SMALL.replace("Zrotation Xrotation Yrotation", f"{order} Zrotation")
@@ -118,7 +119,7 @@ def test_bvh_channel_order_is_the_files(tmp_path):
         np.testing.assert_allclose(clip.positions[1, 1] - (10, 20, 30), wanted, atol=1e-12)
 
 
-def test_bvh_position_channels_anywhere(tmp_path):
+def test_bvh_position_channels_anywhere(tmp_path: Path) -> None:
     """A joint's position channels replace its offset; rotations may come before positions."""
     text = SMALL.replace(
         "CHANNELS 3 Xrotation Yrotation Zrotation",
@@ -132,7 +133,7 @@ def test_bvh_position_channels_anywhere(tmp_path):
     np.testing.assert_allclose(clip.end_positions("Knee")[1], [18, 26, 37], atol=1e-12)
 
 
-def test_bvh_braces_and_spaces_as_they_come(tmp_path):
+def test_bvh_braces_and_spaces_as_they_come(tmp_path: Path) -> None:
     text = SMALL.replace("ROOT Hips\n{", "ROOT Hips {").replace("\n", "\r\n").replace("  ", "\t")
     np.testing.assert_array_equal(
         read_bvh(write(tmp_path, text)).positions,
@@ -141,7 +142,7 @@ def test_bvh_braces_and_spaces_as_they_come(tmp_path):
 
 
 @pytest.mark.parametrize("name", BVH)
-def test_bvh_agrees_with_pybvh(name):
+def test_bvh_agrees_with_pybvh(name: str) -> None:
     pybvh = pytest.importorskip("pybvh", reason="pybvh, the oracle, is not installed")
     path = recording("bvh", name)
     other = pybvh.read_bvh_file(path, world_up="+y")
@@ -175,7 +176,7 @@ BAD_BVH = {
 
 
 @pytest.mark.parametrize("case", BAD_BVH)
-def test_bad_bvh(case, tmp_path):
+def test_bad_bvh(case: str, tmp_path: Path) -> None:
     text, part = BAD_BVH[case]
     with pytest.raises(ClipError) as caught:
         read_bvh(write(tmp_path, text))
@@ -185,7 +186,7 @@ def test_bad_bvh(case, tmp_path):
     assert "clip.bvh" in message
 
 
-def test_missing_files(tmp_path):
+def test_missing_files(tmp_path: Path) -> None:
     for name in ("a.bvh", "a.amc", "a.npz", "a.csv"):
         with pytest.raises(ClipError, match="does not exist"):
             load_clip(tmp_path / name)
@@ -199,7 +200,7 @@ def test_missing_files(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["02_01", "17_03"])
-def test_amc_is_the_same_take_as_bvh(name):
+def test_amc_is_the_same_take_as_bvh(name: str) -> None:
     """ASF lengths are inches times 0.45; the BVH is in centimetres with three decimals.
 
     Angles rounded to 0.0005° over a chain 2 m long give 0.002 cm.
@@ -211,12 +212,14 @@ def test_amc_is_the_same_take_as_bvh(name):
     np.testing.assert_allclose(amc.positions[:, order] / 0.45 * 2.54, bvh.positions, atol=0.004)
 
 
-def test_amc_and_bvh_map_to_the_same_motion(model, mapped):
+def test_amc_and_bvh_map_to_the_same_motion(
+    model: mujoco.MjModel, mapped: Callable[[str], Mapped]
+) -> None:
     amc = load_clip(recording("amc", "02_01"), model)
     np.testing.assert_allclose(amc.qpos, mapped("02_01").motion.qpos, atol=2e-3)
 
 
-def test_bad_amc(tmp_path):
+def test_bad_amc(tmp_path: Path) -> None:
     skeleton, frames = recording("amc", "02_01").with_name("02.asf"), recording("amc", "02_01")
     text = frames.read_text()
     path = write(tmp_path, text[:200000], "02_01.amc")
@@ -243,7 +246,9 @@ def test_bad_amc(tmp_path):
 # --- Tables ------------------------------------------------------------------------------------
 
 
-def test_csv_round_trip(model, mapped, tmp_path):
+def test_csv_round_trip(
+    model: mujoco.MjModel, mapped: Callable[[str], Mapped], tmp_path: Path
+) -> None:
     motion = mapped("02_01").motion
     write_csv(tmp_path / "a.csv", motion)
     again = load_clip(tmp_path / "a.csv", model)
@@ -254,7 +259,7 @@ def test_csv_round_trip(model, mapped, tmp_path):
     np.testing.assert_allclose(again.qpos, motion.qpos, atol=1e-15)
 
 
-def test_bad_csv(model, tmp_path):
+def test_bad_csv(model: mujoco.MjModel, tmp_path: Path) -> None:
     motion = Motion(model, np.tile(model.qpos0, (4, 1)), 50)
     path = tmp_path / "a.csv"
     write_csv(path, motion)
@@ -346,7 +351,7 @@ def figure(kind: str, nframe: int = 30, scale: float = 1.0, axes: np.ndarray | N
 
 
 @pytest.mark.parametrize("kind", PARTS)
-def test_rigs_are_found_by_name(kind, model):
+def test_rigs_are_found_by_name(kind: str, model: mujoco.MjModel) -> None:
     clip = figure(kind)
     rig = find_rig(clip)
     joints = dict(rig.joints)
@@ -359,7 +364,7 @@ def test_rigs_are_found_by_name(kind, model):
     assert motion.qpos[-1, 0] > 1.0
 
 
-def test_units_and_up_axis_do_not_matter(model):
+def test_units_and_up_axis_do_not_matter(model: mujoco.MjModel) -> None:
     """The same person in metres or inches, Y up, Z up or upside down: the same motion."""
     plain = map_clip(figure("LAFAN1"), model)
     turns = {
@@ -374,7 +379,7 @@ def test_units_and_up_axis_do_not_matter(model):
         np.testing.assert_allclose(other.motion.qpos, plain.motion.qpos, atol=1e-6)
 
 
-def test_directions_are_kept(model):
+def test_directions_are_kept(model: mujoco.MjModel) -> None:
     """Arms out at rest are arms out on the humanoid; legs swing as recorded."""
     clip = figure("LAFAN1")
     motion = map_clip(clip, model).motion
@@ -394,7 +399,7 @@ def test_directions_are_kept(model):
     assert np.degrees(np.arccos(bone("left_thigh", "left_foot") @ wanted)) < 6
 
 
-def test_mapping_file(model, tmp_path):
+def test_mapping_file(model: mujoco.MjModel, tmp_path: Path) -> None:
     clip = figure("LAFAN1")
     renamed = Clip(**{**clip.__dict__, "joint_names": tuple(f"j{i}" for i in range(18))})
     with pytest.raises(ClipError, match=r"no joint found for pelvis, left_hip.*mapping file"):
@@ -430,7 +435,7 @@ BAD_MAPPING = {
 
 
 @pytest.mark.parametrize("part", BAD_MAPPING)
-def test_bad_mapping(part, tmp_path):
+def test_bad_mapping(part: str, tmp_path: Path) -> None:
     path = write(tmp_path, BAD_MAPPING[part], "map.yaml")
     with pytest.raises(ClipError) as caught:
         find_rig(figure("LAFAN1"), path)
@@ -438,7 +443,7 @@ def test_bad_mapping(part, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_missing_mapping_file(tmp_path):
+def test_missing_mapping_file(tmp_path: Path) -> None:
     with pytest.raises(ClipError, match="does not exist"):
         find_rig(figure("LAFAN1"), tmp_path / "no.yaml")
 
@@ -446,7 +451,7 @@ def test_missing_mapping_file(tmp_path):
 # --- Steps of the mapping ----------------------------------------------------------------------
 
 
-def test_leg_reaches_its_ankle():
+def test_leg_reaches_its_ankle() -> None:
     """The closed form's thigh and knee bring the ankle exactly where it was asked for."""
     rng = np.random.default_rng(3)
     hip = rng.normal(size=(200, 3))
@@ -462,7 +467,7 @@ def test_leg_reaches_its_ankle():
     assert (rot.dot(axis, normal) > 0).all()
 
 
-def test_carry_follows_where_it_counts():
+def test_carry_follows_where_it_counts() -> None:
     time = np.arange(240) / 120
     values = np.stack([np.sin(4 * time), 0 * time + 1], axis=1)
     weight = (time < 0.5).astype(float)
@@ -472,7 +477,7 @@ def test_carry_follows_where_it_counts():
     assert np.abs(np.diff(curve, 3, axis=0)).max() < 0.01
 
 
-def test_rest_frame_is_dropped():
+def test_rest_frame_is_dropped() -> None:
     clip = figure("LAFAN1", nframe=60)
     assert drop_rest_frame(clip) == (clip, None)
     turned = np.array(clip.rotations)
@@ -482,7 +487,7 @@ def test_rest_frame_is_dropped():
     assert note is not None
 
 
-def test_glitch_is_mended():
+def test_glitch_is_mended() -> None:
     clip = figure("LAFAN1", nframe=120)
     clip = clip.at_rate(120)
     assert mend_glitches(clip)[1] is None
@@ -498,7 +503,7 @@ def test_glitch_is_mended():
 
 
 @pytest.mark.parametrize("name", BVH)
-def test_recordings_map(name, mapped, model):
+def test_recordings_map(name: str, mapped: Callable[[str], Mapped], model: mujoco.MjModel) -> None:
     result = mapped(name)
     motion = result.motion
     assert result.up == "y"
@@ -511,7 +516,7 @@ def test_recordings_map(name, mapped, model):
 
 
 @pytest.mark.parametrize("name", FLAT)
-def test_flat_walks_stand_on_the_ground(name, mapped):
+def test_flat_walks_stand_on_the_ground(name: str, mapped: Callable[[str], Mapped]) -> None:
     motion = mapped(name).motion
     height = sites(motion, "left_heel", "left_toe", "right_heel", "right_toe")[..., 2]
     assert height.min() > -0.006
@@ -525,7 +530,7 @@ def test_flat_walks_stand_on_the_ground(name, mapped):
 
 
 @pytest.mark.parametrize("name", FLAT)
-def test_stance_does_not_slide(name, mapped):
+def test_stance_does_not_slide(name: str, mapped: Callable[[str], Mapped]) -> None:
     """Soles slide less in flat stance than the recorded feet do, and never by 2 mm."""
     result = mapped(name)
     motion = result.motion
@@ -548,7 +553,7 @@ def test_stance_does_not_slide(name, mapped):
 
 
 @pytest.mark.parametrize("name", BVH)
-def test_bones_keep_their_directions(name, mapped):
+def test_bones_keep_their_directions(name: str, mapped: Callable[[str], Mapped]) -> None:
     """Upper arms and thighs point where the recorded ones do, in the frame of the walk."""
     result = mapped(name)
     motion, clip = result.motion, read_bvh(recording("bvh", name))
@@ -576,7 +581,7 @@ def test_bones_keep_their_directions(name, mapped):
         assert np.median(angle) < {"arm": 1.0, "thigh": 6.0}[key]
 
 
-def test_load_clip_uses_the_humanoid_and_fps(mapped):
+def test_load_clip_uses_the_humanoid_and_fps(mapped: Callable[[str], Mapped]) -> None:
     path = recording("bvh", "02_01")
     motion = load_clip(path, fps=60)
     assert motion.fps == 60

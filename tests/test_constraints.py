@@ -221,11 +221,13 @@ def test_lay_out() -> None:
     model = humanoid()
     turn = Rotation.from_euler("z", 0.7)
     constraints = [
-        SiteConstraint("left_foot", np.array((5, 2)), [(0, 0, 1), (0, 0, 2)], contact=True),
+        SiteConstraint(
+            "left_foot", np.array((5, 2)), np.array([(0, 0, 1), (0, 0, 2)]), contact=True
+        ),
         SiteConstraint(
             "head_top", np.array((2, 9)), quat=turn.as_quat(scalar_first=True), weight=0.3
         ),
-        SiteConstraint("left_foot", np.array((5,)), (3, 3, 3)),
+        SiteConstraint("left_foot", np.array((5,)), np.array((3, 3, 3))),
     ]
     targets = lay_out(constraints, model, 10)
     np.testing.assert_array_equal(targets.frames, (2, 5, 9))
@@ -245,11 +247,11 @@ def test_lay_out() -> None:
 
 def test_lay_out_of_what_is_not_there() -> None:
     model = humanoid()
-    late = SiteConstraint("left_foot", np.arange(8, 12), (0, 0, 0))
+    late = SiteConstraint("left_foot", np.arange(8, 12), np.array((0, 0, 0)))
     with pytest.raises(ConstraintError, match=r"left_foot.*10, 11") as caught:
         lay_out([late], model, 10)
     assert caught.value.frames == (10, 11)
     with pytest.raises(ModelError, match="no_such"):
-        lay_out([SiteConstraint("no_such", np.array((1,)), (0, 0, 0))], model, 10)
+        lay_out([SiteConstraint("no_such", np.array((1,)), np.array((0, 0, 0)))], model, 10)
     nothing = lay_out([], model, 10)
     assert len(nothing.frames) == 0 and len(nothing.sites) == 0

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from made_up import STEP_TIME, SWING_TIME, foot_track, humanoid, walk
+from numpy.typing import ArrayLike
 
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, ModelError
@@ -36,7 +37,9 @@ TINY = """<mujoco><worldbody><body name="root"><freejoint/><geom size=".05"/>
 MODEL = mujoco.MjModel.from_xml_string(TINY)
 
 
-def motion(left, right=None, fps: float = 30.0, ground: float = 0.0) -> Motion:
+def motion(
+    left: ArrayLike, right: ArrayLike | None = None, fps: float = 30.0, ground: float = 0.0
+) -> Motion:
     """Feet on tracks (x, z), each (nframe, 2) [m]; without a second track that foot stands."""
     left = np.asarray(left, dtype=float)
     right = np.zeros_like(left) if right is None else np.asarray(right, dtype=float)

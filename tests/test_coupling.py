@@ -7,7 +7,7 @@ import functools
 import mujoco
 import numpy as np
 import pytest
-from made_up import humanoid, loop_quats, loop_sites, pin
+from made_up import humanoid, loop_quats, loop_sites, pin, some
 from made_up import random_poses as poses
 
 from mjmotion.body.assets import find_asset
@@ -308,7 +308,7 @@ def test_numeric_ik_finds_the_least_turn_of_all() -> None:
     def cost(w: float) -> float:
         pose = qpos.copy()
         pose[0, 7:10] = w * np.array((1.0, 2.0, 0.5))
-        gap = loop_sites(model, pose)[0, model.site("tip").id] - tip.position[0]
+        gap = loop_sites(model, pose)[0, model.site("tip").id] - some(tip.position)[0]
         return float(gap @ gap / soft + w * w * (1.0 + 4.0 + 0.25))
 
     w = np.linspace(-0.5, 0.5, 2001)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import functools
 import itertools
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
-from made_up import humanoid, loop_quats, loop_sites, mixed, pin, walk
+from made_up import humanoid, loop_quats, loop_sites, mixed, pin, some, walk
 
 from mjmotion.body.joint_limits import limit_excess
 from mjmotion.body.motion import Motion
@@ -35,14 +36,16 @@ def clip() -> Motion:
     return walk(3.0)
 
 
-def on_bumps(motion: Motion, height: float = 0.05, sites: tuple[str, ...] = FEET):
+def on_bumps(
+    motion: Motion, height: float = 0.05, sites: tuple[str, ...] = FEET
+) -> list[SiteConstraint]:
     """Both feet posed in every frame, on ground that goes up and down along the walk."""
     constraints = []
     for site in sites:
         own = pin(motion.model, motion.qpos, site, contact=True)
-        bump = height * np.sin(3.0 * own.position[:, 0])[:, None] * (0, 0, 1)
+        bump = height * np.sin(3.0 * some(own.position)[:, 0])[:, None] * (0, 0, 1)
         constraints.append(
-            SiteConstraint(site, own.frames, own.position + bump, own.quat, contact=True)
+            SiteConstraint(site, own.frames, some(own.position) + bump, own.quat, contact=True)
         )
     return constraints
 
@@ -52,7 +55,7 @@ def fitted(ik: str, exact: bool) -> Fit:
     return fit(clip(), on_bumps(clip()), ik=ik, exact=exact)
 
 
-def worst(result: Fit, constraints) -> float:
+def worst(result: Fit, constraints: Sequence[SiteConstraint]) -> float:
     """Largest position error of a result by MuJoCo itself [m]."""
     motion, far = result.motion, []
     sites = loop_sites(motion.model, motion.qpos)
@@ -101,7 +104,7 @@ def test_the_exact_pass_is_exact(ik: str) -> None:
     motion = result.motion
     for constraint in constraints:
         quat = loop_quats(motion.model, motion.qpos, constraint.site)
-        assert np.abs(log(multiply(conjugate(quat), constraint.quat))).max() < 1e-3
+        assert np.abs(log(multiply(conjugate(quat), some(constraint.quat)))).max() < 1e-3
     assert limit_excess(motion.model, motion.qpos).max() < 1e-9
 
 
@@ -317,9 +320,9 @@ def test_bad_settings(case: str) -> None:
 
 def test_bad_constraints() -> None:
     with pytest.raises(ConstraintError, match="left_foot"):
-        fit(walk(0.2), [SiteConstraint("left_foot", np.array((900,)), (0, 0, 0))])
+        fit(walk(0.2), [SiteConstraint("left_foot", np.array((900,)), np.array((0, 0, 0)))])
     with pytest.raises(ModelError, match="left_fot"):
-        fit(walk(0.2), [SiteConstraint("left_fot", np.array((0,)), (0, 0, 0))])
+        fit(walk(0.2), [SiteConstraint("left_fot", np.array((0,)), np.array((0, 0, 0)))])
 
 
 @pytest.mark.skipif(not G1.is_file(), reason="the robot of ../shared/robots is not here")
@@ -345,5 +348,5 @@ def test_a_robot_of_29_hinges() -> None:
     assert worst(result, constraints) < 1e-3 and result.unmet == ()
     for constraint in constraints:
         quat = loop_quats(model, result.motion.qpos, constraint.site)
-        assert np.abs(log(multiply(conjugate(quat), constraint.quat))).max() < 0.01  # [rad]
+        assert np.abs(log(multiply(conjugate(quat), some(constraint.quat)))).max() < 0.01  # [rad]
     assert limit_excess(model, result.motion.qpos).max() < 1e-9

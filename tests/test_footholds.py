@@ -12,7 +12,7 @@ from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, ModelError, SceneError
 from mjmotion.footsteps.contacts import Contact, detect_contacts
-from mjmotion.footsteps.footholds import Stance, find_footholds, find_stances
+from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds, find_stances
 from mjmotion.numerics.rotations import rotate, yaw_quat
 from mjmotion.scene import Scene
 from mjmotion.scene.ground import Ground
@@ -35,7 +35,7 @@ def stance(x: float, y: float = 0.0, yaw: float = 0.0, foot: int = 0) -> Stance:
     return Stance(foot, (0, 10), (0, 12), np.array((x, y, 0.0)), yaw_quat(np.asarray(yaw)))
 
 
-def put(ground: Ground, *stances: Stance, start: float = 0.0):
+def put(ground: Ground, *stances: Stance, start: float = 0.0) -> tuple[Foothold, ...]:
     return find_footholds(stances, find_feet(humanoid()), ground, start)
 
 
@@ -99,7 +99,7 @@ def box(low: float, high: float, top: float, name: str = "box") -> str:
     )
 
 
-def sole_points(hold, index: int = 0) -> np.ndarray:
+def sole_points(hold: Foothold, index: int = 0) -> np.ndarray:
     foot = find_feet(humanoid())[index]
     return hold.position + rotate(hold.quat, foot.sole)
 

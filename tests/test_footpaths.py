@@ -51,7 +51,7 @@ def paths_on(body: str, motion: Motion) -> tuple[list[FootPath], tuple[Contact, 
 
 
 @functools.cache
-def paths(name: str):
+def paths(name: str) -> tuple[list[FootPath], tuple[Contact, ...], Ground]:
     return paths_on(GROUNDS[name], clip())
 
 

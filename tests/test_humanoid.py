@@ -103,7 +103,7 @@ def lowest(model: mujoco.MjModel, data: mujoco.MjData, body: str) -> float:
     return low
 
 
-def test_tree_and_dofs(model):
+def test_tree_and_dofs(model: mujoco.MjModel) -> None:
     assert [model.joint(j).name for j in range(model.njnt)] == JOINTS
     assert (model.nq, model.nv) == (55, 43)
     not_ik = [
@@ -117,14 +117,14 @@ def test_tree_and_dofs(model):
     assert not model.jnt_pos.any(), "every joint's anchor is its body's origin"
 
 
-def test_frames_are_aligned_with_the_world_in_the_first_pose(model):
+def test_frames_are_aligned_with_the_world_in_the_first_pose(model: mujoco.MjModel) -> None:
     data = at(model)
     identity = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (model.nbody, 4))
     np.testing.assert_allclose(data.xquat, identity, atol=1e-12)
     np.testing.assert_allclose(model.site_quat, np.tile([1.0, 0, 0, 0], (model.nsite, 1)))
 
 
-def test_heights_and_lengths(model):
+def test_heights_and_lengths(model: mujoco.MjModel) -> None:
     data = at(model)
     assert data.site("head_top").xpos[2] == pytest.approx(HEIGHT, abs=1e-3)
     top = max(
@@ -148,7 +148,7 @@ def test_heights_and_lengths(model):
         assert z["forearm"] - z["hand"] == pytest.approx(0.146, abs=2e-3)
 
 
-def test_breadth_over_the_arms(model):
+def test_breadth_over_the_arms(model: mujoco.MjModel) -> None:
     data = at(model)
     reach = [
         np.abs(vertices(model, data, model.geom(f"{side}_upper_arm").id)[:, 1]).max()
@@ -157,7 +157,7 @@ def test_breadth_over_the_arms(model):
     assert 0.45 <= sum(reach) <= 0.48
 
 
-def test_masses_follow_the_table(model):
+def test_masses_follow_the_table(model: mujoco.MjModel) -> None:
     total = model.body_mass.sum()
     assert total == pytest.approx(MASS, abs=0.1)
     for name, percent in DE_LEVA.items():
@@ -167,7 +167,7 @@ def test_masses_follow_the_table(model):
     assert 100 * head / total == pytest.approx(6.94, abs=0.02)
 
 
-def test_inertias_are_those_of_bodies_of_that_size(model):
+def test_inertias_are_those_of_bodies_of_that_size(model: mujoco.MjModel) -> None:
     for body in range(1, model.nbody):
         radii = np.sqrt(model.body_inertia[body] / model.body_mass[body])
         assert (radii > 0.02).all() and (radii < 0.2).all(), model.body(body).name
@@ -183,7 +183,7 @@ def test_inertias_are_those_of_bodies_of_that_size(model):
     assert 0.54 < data.subtree_com[1, 2] / HEIGHT < 0.60
 
 
-def test_left_and_right_are_mirror_images(model):
+def test_left_and_right_are_mirror_images(model: mujoco.MjModel) -> None:
     rng = np.random.default_rng(0)
     turn = {j: rng.uniform(-0.6, 0.6, 3) for j in ("shoulder", "wrist", "hip", "ankle")}
     hinge = {"elbow": 0.7, "knee": 0.9}
@@ -217,7 +217,7 @@ def test_left_and_right_are_mirror_images(model):
         np.testing.assert_allclose(left[[0, 2]], -right[[0, 2]][:, ::-1])
 
 
-def test_sole_sites_are_its_ends_on_the_ground(model):
+def test_sole_sites_are_its_ends_on_the_ground(model: mujoco.MjModel) -> None:
     data = at(model)
     for side in SIDES:
         sole = vertices(model, data, model.geom(f"{side}_foot_sole").id)
@@ -239,7 +239,9 @@ def test_sole_sites_are_its_ends_on_the_ground(model):
 @pytest.mark.parametrize(
     ("site", "sign", "degrees"), [("heel", -1, range(0, 31, 3)), ("toe", 1, range(0, 61, 4))]
 )
-def test_nothing_goes_under_the_ground_when_the_foot_pitches(model, side, site, sign, degrees):
+def test_nothing_goes_under_the_ground_when_the_foot_pitches(
+    model: mujoco.MjModel, side: str, site: str, sign: int, degrees: range
+) -> None:
     """Pitch the whole figure about the site: heel with the toes up, toe with the heel up."""
     start = at(model).site(f"{side}_{site}").xpos.copy()
     for degree in degrees:
@@ -248,7 +250,7 @@ def test_nothing_goes_under_the_ground_when_the_foot_pitches(model, side, site, 
         assert lowest(model, data, f"{side}_foot") - shift[2] > -0.003, degree
 
 
-def test_limits_are_named_for_every_ball_and_contain_the_first_pose(model):
+def test_limits_are_named_for_every_ball_and_contain_the_first_pose(model: mujoco.MjModel) -> None:
     names = {f"limit_{joint}" for joint in balls(model)}
     assert {model.numeric(n).name for n in range(model.nnumeric)} == names
     assert len(names) == 11
@@ -262,7 +264,7 @@ def test_limits_are_named_for_every_ball_and_contain_the_first_pose(model):
     assert model.jnt_limited[1:].all()
 
 
-def test_total_range_contains_the_swing_and_twist_box(model):
+def test_total_range_contains_the_swing_and_twist_box(model: mujoco.MjModel) -> None:
     for joint in balls(model):
         box = np.abs(limit(model, joint)).max(axis=1)
         swing = min(np.hypot(box[0], box[1]), np.pi)
@@ -288,7 +290,9 @@ def test_total_range_contains_the_swing_and_twist_box(model):
         ("left_ankle", "left_toe", 1, 1, 2, -1),  # plantar flexion: toe down
     ],
 )
-def test_signs_of_the_limits(model, joint, site, axis, sign, moved, way):
+def test_signs_of_the_limits(
+    model: mujoco.MjModel, joint: str, site: str, axis: int, sign: int, moved: int, way: int
+) -> None:
     turn = np.zeros(3)
     turn[axis] = 0.3 * sign
     step = turned(model, joint, tuple(turn)).site(site).xpos - at(model).site(site).xpos
@@ -298,7 +302,7 @@ def test_signs_of_the_limits(model, joint, site, axis, sign, moved, way):
     assert larger >= max(-low, high)
 
 
-def test_hinges_flex_for_positive_angles(model):
+def test_hinges_flex_for_positive_angles(model: mujoco.MjModel) -> None:
     for side in SIDES:
         for joint, site, way in (("knee", "foot", -1), ("elbow", "hand", 1)):
             qpos = model.qpos0.copy()
@@ -309,7 +313,7 @@ def test_hinges_flex_for_positive_angles(model):
             assert moved[0] * way > 0.05
 
 
-def test_colliding_geoms_are_named_and_visual_ones_do_not_collide(model):
+def test_colliding_geoms_are_named_and_visual_ones_do_not_collide(model: mujoco.MjModel) -> None:
     for geom in range(model.ngeom):
         name, group = model.geom(geom).name, model.geom_group[geom]
         assert model.geom_contype[geom] == 0
@@ -321,7 +325,7 @@ def test_colliding_geoms_are_named_and_visual_ones_do_not_collide(model):
     assert bodies == set(range(1, model.nbody)), "every body can meet an obstacle"
 
 
-def test_drops_onto_a_floor_without_exploding(model):
+def test_drops_onto_a_floor_without_exploding(model: mujoco.MjModel) -> None:
     spec = mujoco.MjSpec.from_file(str(PATH))
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1])
     composed = spec.compile()

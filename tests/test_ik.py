@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from made_up import HIP, SHANK, SOLE, THIGH, humanoid, loop_quats, loop_sites, mixed, pin
+from made_up import HIP, SHANK, SOLE, THIGH, humanoid, loop_quats, loop_sites, mixed, pin, some
 from made_up import random_poses as poses
 
 from mjmotion.body.joint_limits import limit_excess, limit_names, swing_twist
@@ -61,7 +61,7 @@ def moved_feet(qpos: np.ndarray, seed: int, size: float = 0.03) -> Targets:
         held = pin(model, qpos, site, size * rng.normal(size=(len(qpos), 3)))
         turn = exp(3.0 * size * rng.normal(size=(len(qpos), 3)))
         constraints.append(
-            SiteConstraint(site, held.frames, held.position, multiply(held.quat, turn))
+            SiteConstraint(site, held.frames, held.position, multiply(some(held.quat), turn))
         )
     return lay_out(constraints, model, len(qpos))
 
@@ -222,7 +222,7 @@ def one_foot(position: object) -> tuple[mujoco.MjModel, np.ndarray, Targets]:
     model = humanoid()
     qpos = model.qpos0[None].copy()
     qpos[:, model.joint("left_knee").qposadr[0]] = 0.2
-    constraint = SiteConstraint("left_foot", np.array((0,)), position, (1, 0, 0, 0))
+    constraint = SiteConstraint("left_foot", np.array((0,)), position, np.array((1, 0, 0, 0)))
     return model, qpos, lay_out([constraint], model, 1)
 
 
@@ -449,8 +449,10 @@ def test_limits_are_kept(name: str) -> None:
     stiff = default_weights(model)
     stiff[:6] *= 1e4
     constraints = [
-        SiteConstraint("left_foot", np.array((0,)), (-0.1, 0.09, 0.75), (1, 0, 0, 0)),
-        SiteConstraint("right_hand", np.array((1,)), (-0.6, 0.2, 1.2)),
+        SiteConstraint(
+            "left_foot", np.array((0,)), np.array((-0.1, 0.09, 0.75)), np.array((1, 0, 0, 0))
+        ),
+        SiteConstraint("right_hand", np.array((1,)), np.array((-0.6, 0.2, 1.2))),
     ]
     targets = lay_out(constraints, model, 2)
     solver = (
@@ -556,7 +558,9 @@ def toes_down(model: mujoco.MjModel, nframe: int) -> tuple[np.ndarray, Targets]:
         qpos[:, model.joint(f"{side}_knee").qposadr[0]] = 0.2
     feet = [pin(model, qpos, site) for site in FEET]
     turn = exp(np.array((0.0, 1.2, 0.0)))
-    raised = [SiteConstraint(f.site, f.frames, f.position, multiply(turn, f.quat)) for f in feet]
+    raised = [
+        SiteConstraint(f.site, f.frames, f.position, multiply(turn, some(f.quat))) for f in feet
+    ]
     return qpos, lay_out(raised, model, nframe)
 
 

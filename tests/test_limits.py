@@ -30,13 +30,13 @@ def random_quats(count: int) -> np.ndarray:
     return rot.normalized(np.random.default_rng(1).normal(size=(count, 4)))
 
 
-def test_swing_twist_and_back():
+def test_swing_twist_and_back() -> None:
     quat = random_quats(500)
     again = from_swing_twist(swing_twist(quat))
     np.testing.assert_allclose(np.abs(rot.dot(again, quat)), 1, atol=1e-12)
 
 
-def test_swing_twist_is_swing_after_twist():
+def test_swing_twist_is_swing_after_twist() -> None:
     """The parts by themselves: a turn about z, then one about an axis square to z."""
     angles = np.array((0.4, -0.7, 1.1))
     swing, twist = rot.exp(np.array((0.4, -0.7, 0))), rot.exp(np.array((0, 0, 1.1)))
@@ -44,7 +44,7 @@ def test_swing_twist_is_swing_after_twist():
     np.testing.assert_allclose(from_swing_twist(angles), rot.multiply(swing, twist), atol=1e-12)
 
 
-def test_swing_twist_ranges_and_edges():
+def test_swing_twist_ranges_and_edges() -> None:
     angles = swing_twist(random_quats(500))
     assert np.hypot(angles[:, 0], angles[:, 1]).max() <= np.pi
     assert (angles[:, 2] > -np.pi).all() and (angles[:, 2] <= np.pi).all()
@@ -60,7 +60,7 @@ def humanoid() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_path(str(find_asset("model", "humanoid")))
 
 
-def test_clamped_poses_are_inside(humanoid):
+def test_clamped_poses_are_inside(humanoid: mujoco.MjModel) -> None:
     rng = np.random.default_rng(2)
     qpos = np.tile(humanoid.qpos0, (300, 1))
     for joint in range(1, humanoid.njnt):
@@ -80,7 +80,7 @@ def test_clamped_poses_are_inside(humanoid):
     assert limit_excess(humanoid, humanoid.qpos0).max() == 0
 
 
-def test_boxes_of_the_humanoid(humanoid):
+def test_boxes_of_the_humanoid(humanoid: mujoco.MjModel) -> None:
     boxes = ball_limits(humanoid)
     balls = np.flatnonzero(humanoid.jnt_type == mujoco.mjtJoint.mjJNT_BALL)
     assert set(boxes) == set(balls.tolist())
@@ -94,7 +94,7 @@ def test_boxes_of_the_humanoid(humanoid):
     assert excess.sum() == pytest.approx(0.25)
 
 
-def test_plain_model():
+def test_plain_model() -> None:
     """Without numerics MuJoCo's own ranges count: total angle of a ball, hinge, slide."""
     model = mujoco.MjModel.from_xml_string(PLAIN.format(numeric=""))
     assert limit_names(model) == ["a", "b", "c"]
@@ -117,7 +117,7 @@ def test_plain_model():
         '<numeric name="limit_a" data="1 0 0 1 0 1"/>',
     ],
 )
-def test_bad_numerics(numeric):
+def test_bad_numerics(numeric: str) -> None:
     model = mujoco.MjModel.from_xml_string(PLAIN.format(numeric=numeric))
     with pytest.raises(ModelError, match="limit_"):
         ball_limits(model)

@@ -205,7 +205,7 @@ def test_a_character_without_feet() -> None:
 def test_free_targets_out_of_reach_move_as_a_whole() -> None:
     """A rail 4 m behind that the hand may be anywhere along: it is held in one place, in reach."""
     motion, held = clip("made up"), np.arange(40, 52)
-    rail = SiteConstraint("right_hand", held, (-4.0, -0.35, 0.9), free=("x",))
+    rail = SiteConstraint("right_hand", held, np.array((-4.0, -0.35, 0.9)), free=("x",))
     result = adapt(motion, scene("level"), constraints=[rail])
     model = result.motion.model
     hand = loop_sites(model, result.motion.qpos)[held, model.site("right_hand").id]
@@ -218,7 +218,7 @@ def test_free_targets_out_of_reach_move_as_a_whole() -> None:
 def test_what_a_free_target_cannot_do_is_measured_from_where_it_was_asked() -> None:
     """Free along x, but a metre out to the side: what is missing is told, by frame; feet stay."""
     motion, held = clip("made up"), np.arange(40, 52)
-    wide = SiteConstraint("right_hand", held, (1.0, -2.0, 1.0), free=("x",))
+    wide = SiteConstraint("right_hand", held, np.array((1.0, -2.0, 1.0)), free=("x",))
     result = adapt(motion, scene("level"), constraints=[wide], ik="numeric")
     (missed,) = [one for one in result.unmet if "hand" in one.constraint]
     assert missed.constraint == "position of right_hand" and missed.frames == tuple(held)
@@ -229,7 +229,7 @@ def test_what_a_free_target_cannot_do_is_measured_from_where_it_was_asked() -> N
 
 
 def test_unknown_sites_are_named() -> None:
-    wish = SiteConstraint("right_hnd", np.arange(3), (0, 0, 1), free=("x",))
+    wish = SiteConstraint("right_hnd", np.arange(3), np.array((0, 0, 1)), free=("x",))
     with pytest.raises(ModelError, match="Did you mean 'right_hand'"):
         adapt(clip("made up"), scene("level"), constraints=[wish])
 

@@ -204,7 +204,7 @@ def test_a_site_faces_a_point(case: str, ik: str) -> None:
 
 def test_a_gaze_alone_is_refined_to_the_last_level() -> None:
     """No position is ever off, and still the first level is not the last."""
-    gaze = LookAt("face", MIDDLE, (0.0, 2.0, 1.5))
+    gaze = LookAt("face", MIDDLE, np.array((0.0, 2.0, 1.5)))
     result = fit(clip(), [gaze])
     assert [level.frames_per_knot for level in result.trace.levels][:4] == [16, 8, 4, 2]
     assert aside(result.motion, gaze).max() < ANGLE
@@ -233,7 +233,7 @@ def test_a_point_right_behind() -> None:
 def test_links_in_a_model_without_limbs() -> None:
     model = mixed()
     motion = Motion(model, np.tile(poses(model, 1, 5, 0.1), (20, 1)), 30.0)
-    link = RelativeConstraint("tip", np.arange(20), "other", (0.05, 0.0, -0.1))
+    link = RelativeConstraint("tip", np.arange(20), "other", np.array((0.05, 0.0, -0.1)))
     for ik in ("hybrid", "numeric"):
         assert apart(fit(motion, [link], ik=ik).motion, link)[0].max() < 1e-3
 
@@ -242,8 +242,8 @@ def test_links_in_a_model_without_limbs() -> None:
 def test_other_rates(fps: float) -> None:
     motion = walk(2.0, fps)
     held = np.arange(round(0.6 * fps), round(1.4 * fps))
-    link = RelativeConstraint("left_hand", held, "pelvis", HIP)
-    gaze = LookAt("face", held, (4.0, 2.0, 1.5))
+    link = RelativeConstraint("left_hand", held, "pelvis", np.array(HIP))
+    gaze = LookAt("face", held, np.array((4.0, 2.0, 1.5)))
     result = fit(motion, [*(pin(motion.model, motion.qpos, s) for s in FEET), link, gaze])
     assert apart(result.motion, link)[0].max() < HELD and aside(result.motion, gaze).max() < ANGLE
     assert jerk(result.motion.qpos) < 1.1 * jerk(motion.qpos) and result.unmet == ()
@@ -254,8 +254,8 @@ def test_a_wish_gives_way() -> None:
     model, qpos = humanoid(), poses(humanoid(), 3, 6, 0.1)
     left: dict[str, list[float]] = {"link": [], "gaze": []}
     for weight in (0.05, 0.3, 1.0):
-        link = RelativeConstraint("left_hand", np.arange(3), "pelvis", HIP, weight=weight)
-        gaze = LookAt("face", np.arange(3), (2.0, 1.0, 1.0), weight=weight)
+        link = RelativeConstraint("left_hand", np.arange(3), "pelvis", np.array(HIP), weight=weight)
+        gaze = LookAt("face", np.arange(3), np.array((2.0, 1.0, 1.0)), weight=weight)
         for name, one in (("link", link), ("gaze", gaze)):
             targets = lay_out([one], model, 3)
             found = NumericIK(model, iterations=12).solve(qpos, targets).displacement
@@ -264,7 +264,8 @@ def test_a_wish_gives_way() -> None:
                 (apart(moved, link)[0] if name == "link" else aside(moved, gaze)).max()
             )
         mild = fit(
-            clip(), [RelativeConstraint("left_hand", MIDDLE, "pelvis", (0, 0, 3), weight=0.05)]
+            clip(),
+            [RelativeConstraint("left_hand", MIDDLE, "pelvis", np.array((0, 0, 3)), weight=0.05)],
         )
         assert mild.unmet == ()
     for values in left.values():
@@ -276,12 +277,12 @@ def test_the_later_of_two_holds() -> None:
     early, late = np.arange(0, 10), np.arange(5, 15)
     targets = lay_out(
         [
-            RelativeConstraint("left_hand", early, "pelvis", (0, 0, 1)),
-            RelativeConstraint("left_hand", late, "pelvis", (0, 0, 2), weight=0.5),
-            RelativeConstraint("left_hand", late, "right_hand", (0, 0, 3)),
-            LookAt("face", early, (1, 0, 0)),
-            LookAt("face", late, (2, 0, 0), weight=0.7),
-            LookAt("face", late, (3, 0, 0), axis=(0, 0, 1)),
+            RelativeConstraint("left_hand", early, "pelvis", np.array((0, 0, 1))),
+            RelativeConstraint("left_hand", late, "pelvis", np.array((0, 0, 2)), weight=0.5),
+            RelativeConstraint("left_hand", late, "right_hand", np.array((0, 0, 3))),
+            LookAt("face", early, np.array((1, 0, 0))),
+            LookAt("face", late, np.array((2, 0, 0)), weight=0.7),
+            LookAt("face", late, np.array((3, 0, 0)), axis=np.array((0, 0, 1))),
         ],
         humanoid(),
         20,
@@ -306,8 +307,8 @@ def test_the_later_of_two_holds() -> None:
 @pytest.mark.parametrize("ik", ["hybrid", "numeric"])
 def test_out_of_reach_is_named_by_frame(ik: str) -> None:
     """A hand 3 m from its own pelvis, and a foot that is to face where it must not turn."""
-    far = RelativeConstraint("left_hand", MIDDLE, "pelvis", (3.0, 0.0, 0.0))
-    gaze = LookAt("left_foot", MIDDLE, (1.0, 9.0, 0.0))
+    far = RelativeConstraint("left_hand", MIDDLE, "pelvis", np.array((3.0, 0.0, 0.0)))
+    gaze = LookAt("left_foot", MIDDLE, np.array((1.0, 9.0, 0.0)))
     result = fit(clip(), [*feet(), far, gaze], ik=ik)
     names = {one.constraint: one for one in result.unmet}
     hand, look = names["position of left_hand to pelvis"], names["gaze of left_foot"]
@@ -350,8 +351,8 @@ def test_all_kinds_past_an_obstacle() -> None:
     model = plain.motion.model
     spot = loop_sites(model, plain.motion.qpos)[68, model.site("right_hand").id]
     constraints = [
-        RelativeConstraint("left_hand", held, "pelvis", HIP),
-        LookAt("face", np.arange(15, 75), (5.0, 2.5, 1.5)),
+        RelativeConstraint("left_hand", held, "pelvis", np.array(HIP)),
+        LookAt("face", np.arange(15, 75), np.array((5.0, 2.5, 1.5))),
         SiteConstraint("right_hand", rail, spot + (0.05, -0.1, 0.1), free=("x", "z")),
     ]
     result = adapt(motion, scene, constraints=constraints)
@@ -415,11 +416,27 @@ def test_bad_gazes(case: str) -> None:
 def test_sites_that_cannot_be_held() -> None:
     model = humanoid()
     for link, kind, message in (
-        (RelativeConstraint("left_heel", (1,), "left_toe"), ConstraintError, "on one body"),
-        (RelativeConstraint("left_hand", (1,), "pelviss"), ModelError, "Did you mean 'pelvis'"),
-        (RelativeConstraint("left_hnd", (1,), "pelvis"), ModelError, "Did you mean 'left_hand'"),
-        (LookAt("fac", (1,), (0, 0, 0)), ModelError, "Did you mean 'face'"),
-        (LookAt("face", (19, 20), (0, 0, 0)), ConstraintError, "names frames 20"),
+        (
+            RelativeConstraint("left_heel", np.array((1,)), "left_toe"),
+            ConstraintError,
+            "on one body",
+        ),
+        (
+            RelativeConstraint("left_hand", np.array((1,)), "pelviss"),
+            ModelError,
+            "Did you mean 'pelvis'",
+        ),
+        (
+            RelativeConstraint("left_hnd", np.array((1,)), "pelvis"),
+            ModelError,
+            "Did you mean 'left_hand'",
+        ),
+        (LookAt("fac", np.array((1,)), np.array((0, 0, 0))), ModelError, "Did you mean 'face'"),
+        (
+            LookAt("face", np.array((19, 20)), np.array((0, 0, 0))),
+            ConstraintError,
+            "names frames 20",
+        ),
     ):
         with pytest.raises(kind, match=message):
             lay_out([link], model, 20)

@@ -70,7 +70,7 @@ def strict(text: str) -> dict:
     return json.loads(text, parse_constant=refuse)
 
 
-def test_json_holds_what_the_design_says(tmp_path: Path):
+def test_json_holds_what_the_design_says(tmp_path: Path) -> None:
     report = make()
     report.write(tmp_path)
     saved = strict((tmp_path / "report.json").read_text("utf-8"))
@@ -89,7 +89,7 @@ def test_json_holds_what_the_design_says(tmp_path: Path):
     assert saved["unmet"] == list(UNMET)
 
 
-def test_json_stays_strict_where_a_foot_stands_on_nothing(tmp_path: Path):
+def test_json_stays_strict_where_a_foot_stands_on_nothing(tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_string(XML.replace('type="plane" size="5 5 .1"', 'size=".01"'))
     motion = Motion(model, np.tile(model.qpos0, (5, 1)), 30)
     contacts = (Contact("left_heel", 0, 5),)
@@ -101,7 +101,7 @@ def test_json_stays_strict_where_a_foot_stands_on_nothing(tmp_path: Path):
     assert "∞" in report.table()
 
 
-def test_table_is_aligned_and_says_what_is_broken():
+def test_table_is_aligned_and_says_what_is_broken() -> None:
     report = make()
     lines = table(report.validation).splitlines()
     assert len(lines) == 1 + len(LABELS)
@@ -112,7 +112,7 @@ def test_table_is_aligned_and_says_what_is_broken():
     assert report.table() == "\n".join(lines)
 
 
-def test_a_folder_is_measured_again(tmp_path: Path):
+def test_a_folder_is_measured_again(tmp_path: Path) -> None:
     report = make()
     save_folder(report, tmp_path)
     report.write(tmp_path)
@@ -128,7 +128,7 @@ def test_a_folder_is_measured_again(tmp_path: Path):
     assert set(report.broken) - set(lenient.broken) == {"stance_gap_max_mm"}
 
 
-def test_a_folder_without_a_report_has_figures_but_no_fit(tmp_path: Path):
+def test_a_folder_without_a_report_has_figures_but_no_fit(tmp_path: Path) -> None:
     save_folder(make(), tmp_path)
     report = Report.from_folder(tmp_path)
     assert report.levels == () and report.fit_seconds is None
@@ -148,7 +148,7 @@ def test_a_folder_without_a_report_has_figures_but_no_fit(tmp_path: Path):
         ("report.json", "[1, 2]"),
     ],
 )
-def test_damaged_folders_give_one_line(tmp_path: Path, name: str, content: str | None):
+def test_damaged_folders_give_one_line(tmp_path: Path, name: str, content: str | None) -> None:
     save_folder(make(), tmp_path)
     (tmp_path / "report.json").write_text("{}", "utf-8")
     if content is None:
@@ -161,7 +161,7 @@ def test_damaged_folders_give_one_line(tmp_path: Path, name: str, content: str |
     assert name in str(caught.value)
 
 
-def test_write_needs_a_folder(tmp_path: Path):
+def test_write_needs_a_folder(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="cannot write"):
         make().write(tmp_path / "missing")
 
@@ -180,7 +180,7 @@ class _Page(HTMLParser):
         self.loads: list[str] = []
         self.feed(html)
 
-    def handle_starttag(self, tag, attrs):
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
         if tag not in self.void:
             self.open.append(tag)
@@ -190,19 +190,19 @@ class _Page(HTMLParser):
             if name in ("src", "href", "xlink:href") and not value.startswith(("data:", "#")):
                 self.loads.append(value)
 
-    def handle_startendtag(self, tag, attrs):
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.handle_starttag(tag, attrs)
         if tag not in self.void:
             self.open.pop()
 
-    def handle_endtag(self, tag):
+    def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
 
-    def handle_data(self, data):
+    def handle_data(self, data: str) -> None:
         self.words.append(data)
 
 
-def test_page_stands_alone_and_says_everything():
+def test_page_stands_alone_and_says_everything() -> None:
     report = make()
     html = report.html(why_no_poses="install the package libegl1")
     page = _Page(html)
@@ -222,7 +222,7 @@ def test_page_stands_alone_and_says_everything():
     assert "currentColor" in html and "#010203" not in html
 
 
-def test_page_without_contacts_and_fit_leaves_their_plots_out():
+def test_page_without_contacts_and_fit_leaves_their_plots_out() -> None:
     report = make(contacts=False)
     bare = Report(report.source, report.motion, (), report.validation)
     page = _Page(bare.html())
@@ -231,7 +231,7 @@ def test_page_without_contacts_and_fit_leaves_their_plots_out():
     assert "Penetration over time" in text
 
 
-def test_pictures_are_inside_the_page():
+def test_pictures_are_inside_the_page() -> None:
     image = np.zeros((8, 12, 3), np.uint8)
     image[:, 6:] = (200, 30, 30)
     html = make().html([image, b"\x89PNG\r\n\x1a\n...."])

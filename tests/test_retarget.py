@@ -187,8 +187,8 @@ def test_holds_that_no_pose_reaches_are_refused() -> None:
         check_span(
             body("child"),
             [
-                SiteConstraint("left_hand", np.arange(5, 9), (0.0, 0.0, 1.9)),
-                SiteConstraint("left_foot", np.arange(7, 12), (0.0, 0.0, 0.2)),
+                SiteConstraint("left_hand", np.arange(5, 9), np.array((0.0, 0.0, 1.9))),
+                SiteConstraint("left_foot", np.arange(7, 12), np.array((0.0, 0.0, 0.2))),
             ],
         )
     assert error.value.frames == (7, 8)

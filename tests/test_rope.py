@@ -35,7 +35,9 @@ def scene_model() -> mujoco.MjModel:
     return rope().compile()
 
 
-def simulated(model: mujoco.MjModel, seconds: float, data: mujoco.MjData | None = None):
+def simulated(
+    model: mujoco.MjModel, seconds: float, data: mujoco.MjData | None = None
+) -> mujoco.MjData:
     data = mujoco.MjData(model) if data is None else data
     for _ in range(round(seconds / model.opt.timestep)):
         mujoco.mj_step(model, data)
@@ -96,7 +98,7 @@ def test_bad_ropes(wrong: dict[str, float], named: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_with_a_character_it_is_one_model_that_plain_mujoco_loads(tmp_path) -> None:
+def test_with_a_character_it_is_one_model_that_plain_mujoco_loads(tmp_path: Path) -> None:
     spec = compose("humanoid", Scene.from_spec(rope(edge=0.2), "rope"))
     model = spec.compile()
     assert (model.jnt_type[0], model.nq) == (mujoco.mjtJoint.mjJNT_FREE, 55 + 60)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 from PIL import Image
 from scipy.interpolate import BSpline
 
@@ -115,7 +117,12 @@ def ray_down(model: mujoco.MjModel, x: float, y: float, z: float = 100.0) -> tup
     return ray(model, (x, y, z), (0, 0, -1), lambda distance: z - distance)
 
 
-def ray(model, origin, direction, value=lambda distance: distance) -> tuple[float, str]:
+def ray(
+    model: mujoco.MjModel,
+    origin: ArrayLike,
+    direction: ArrayLike,
+    value: Callable[[float], float] = lambda distance: distance,
+) -> tuple[float, str]:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     geom = np.zeros(1, dtype=np.int32)
@@ -135,7 +142,9 @@ def ray(model, origin, direction, value=lambda distance: distance) -> tuple[floa
     shape=st.tuples(st.integers(4, 9), st.integers(4, 9)),
     points=st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=1, max_size=6),
 )
-def test_surface_is_scipys_bicubic_spline(seed, shape, points):
+def test_surface_is_scipys_bicubic_spline(
+    seed: int, shape: tuple[int, int], points: list[tuple[float, float]]
+) -> None:
     control = np.random.default_rng(seed).uniform(0, 2.1, shape)
     row = np.array([p[0] for p in points]) * (shape[0] - 3)
     column = np.array([p[1] for p in points]) * (shape[1] - 3)
@@ -144,7 +153,7 @@ def test_surface_is_scipys_bicubic_spline(seed, shape, points):
     np.testing.assert_allclose(spline_surface(control, column, row), expected, atol=1e-12)
 
 
-def test_terrain_is_the_spline_over_the_whole_walk():
+def test_terrain_is_the_spline_over_the_whole_walk() -> None:
     seed, spacing, height = 3, 1.4, 2.1
     x_range, y_range = (-4.0, 20.0), (-8.0, 8.0)
     spec = terrain(seed)
@@ -165,7 +174,7 @@ def test_terrain_is_the_spline_over_the_whole_walk():
         assert measured == pytest.approx(float(expected), abs=1e-5)
 
 
-def test_terrain_between_samples_is_within_two_millimetres():
+def test_terrain_between_samples_is_within_two_millimetres() -> None:
     x_range, y_range = (-4.0, 20.0), (-8.0, 8.0)
     control = control_heights(1, 1.4, 2.1, x_range, y_range)
     points = np.random.default_rng(1).uniform([-3.9, -7.9], [19.9, 7.9], (300, 2))
@@ -175,7 +184,7 @@ def test_terrain_between_samples_is_within_two_millimetres():
     assert np.abs(ground_heights(terrain(1), points) - exact).max() < 2e-3
 
 
-def test_terrain_seeds():
+def test_terrain_seeds() -> None:
     data = [terrain(seed).compile().hfield_data for seed in (1, 1, 2)]
     np.testing.assert_array_equal(data[0], data[1])
     assert not np.array_equal(data[0], data[2])
@@ -192,7 +201,9 @@ def test_terrain_seeds():
     width=st.floats(0.5, 1.5),
     height=st.floats(1.3, 2.3),
 )
-def test_a_doorway_measures_what_was_asked(x, y, yaw, width, height):
+def test_a_doorway_measures_what_was_asked(
+    x: float, y: float, yaw: float, width: float, height: float
+) -> None:
     ground = terrain(1, x_range=(-4.0, 10.0), y_range=(-5.0, 5.0))
     model = doors([Doorway(x, y, yaw, width, height)], base=ground).compile()
     floor = float(ground_heights(ground, [(x, y)])[0])
@@ -211,7 +222,7 @@ def test_a_doorway_measures_what_was_asked(x, y, yaw, width, height):
         assert bottom < ground_heights(ground, [post.pos[:2]])[0] - 0.2
 
 
-def test_stairs_heights_by_ray():
+def test_stairs_heights_by_ray() -> None:
     model = stairs(steps=4, rise=0.15, tread=0.4, landing=1.0, width=6.0, distance=2.0).compile()
     tops = [0.15, 0.30, 0.45, 0.60, 0.45, 0.30, 0.15]
     edges = np.cumsum([2.0, 0.4, 0.4, 0.4, 1.0, 0.4, 0.4, 0.4])
@@ -223,7 +234,7 @@ def test_stairs_heights_by_ray():
         assert ray_down(model, x, 0.0)[0] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_slope_heights_by_ray_and_by_collision():
+def test_slope_heights_by_ray_and_by_collision() -> None:
     model = slope(angle=8.0, length=3.0, plateau=1.0, width=8.0, distance=1.5).compile()
     steep = np.tan(np.radians(8.0))
     x = np.linspace(0.0, 10.0, 101)
@@ -249,7 +260,7 @@ def test_slope_heights_by_ray_and_by_collision():
     assert gap == pytest.approx(0.0, abs=1e-5)
 
 
-def test_blocks_are_level_at_the_start_and_seeded():
+def test_blocks_are_level_at_the_start_and_seeded() -> None:
     one, again, other = (blocks(seed).compile() for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.geom_size, again.geom_size)
     assert not np.array_equal(one.geom_size, other.geom_size)
@@ -267,7 +278,7 @@ def test_blocks_are_level_at_the_start_and_seeded():
 # ---------------------------------------------------------------- heights
 
 
-def test_heights_from_an_array_stand_where_they_should():
+def test_heights_from_an_array_stand_where_they_should() -> None:
     rows, columns = np.mgrid[0:21, 0:31]
     heights = 0.02 * columns - 0.01 * rows + 3.0
     model = from_heights(heights, cell=0.1, start=(0.5, 1.0)).compile()
@@ -278,7 +289,7 @@ def test_heights_from_an_array_stand_where_they_should():
     assert model.site("start").pos[2] == pytest.approx(heights[10, 5], abs=1e-5)
 
 
-def test_heights_from_npy_and_image_agree(tmp_path):
+def test_heights_from_npy_and_image_agree(tmp_path: Path) -> None:
     grey = np.random.default_rng(0).integers(0, 256, (12, 16), dtype=np.uint8)
     Image.fromarray(grey).save(tmp_path / "grey.png")
     Image.fromarray(grey.astype(np.uint16) * 257).save(tmp_path / "grey16.png")
@@ -293,12 +304,12 @@ def test_heights_from_npy_and_image_agree(tmp_path):
     assert models[0].hfield_size[0, 2] == pytest.approx(0.5 * np.ptp(grey.astype(float)) / 255)
 
 
-def test_level_heights_are_level():
+def test_level_heights_are_level() -> None:
     model = from_heights(np.full((5, 6), 1.25)).compile()
     assert ray_down(model, 0.05, 0.03)[0] == pytest.approx(1.25, abs=1e-5)
 
 
-def test_a_convex_mesh_is_placed_and_another_is_sampled(tmp_path):
+def test_a_convex_mesh_is_placed_and_another_is_sampled(tmp_path: Path) -> None:
     import trimesh
 
     ball = trimesh.creation.icosphere(subdivisions=2, radius=2.0)
@@ -324,7 +335,7 @@ def test_a_convex_mesh_is_placed_and_another_is_sampled(tmp_path):
         assert measured == pytest.approx(z[row, column], abs=2e-3)
 
 
-def test_a_level_sheet_and_a_pile_of_boxes(tmp_path):
+def test_a_level_sheet_and_a_pile_of_boxes(tmp_path: Path) -> None:
     import trimesh
 
     corners = [[0, 0, 0.5], [4, 0, 0.5], [4, 2, 0.5], [0, 2, 0.5]]
@@ -343,7 +354,7 @@ def test_a_level_sheet_and_a_pile_of_boxes(tmp_path):
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_scenes(name):
+def test_shipped_scenes(name: str) -> None:
     scene = load_scene(name)
     assert scene.name == name
     assert scene.model.nq == 0
@@ -355,7 +366,7 @@ def test_shipped_scenes(name):
     assert scene.model.vis.global_.offwidth >= 1280 and scene.model.vis.global_.offheight >= 720
 
 
-def test_shipped_scenes_are_what_the_script_makes(tmp_path):
+def test_shipped_scenes_are_what_the_script_makes(tmp_path: Path) -> None:
     import runpy
 
     script = runpy.run_path(str(ROOT / "scripts" / "make_scenes.py"))
@@ -366,7 +377,7 @@ def test_shipped_scenes_are_what_the_script_makes(tmp_path):
         assert (tmp_path / name).read_bytes() == (ROOT / "scenes" / name).read_bytes(), name
 
 
-def test_shipped_terrain_is_the_same_with_doors():
+def test_shipped_terrain_is_the_same_with_doors() -> None:
     one, other = load_scene("terrain").model, load_scene("terrain_doors").model
     np.testing.assert_array_equal(one.hfield_data, other.hfield_data)
     assert sum("lintel" in other.geom(i).name for i in range(other.ngeom)) == 3
@@ -376,7 +387,7 @@ def test_shipped_terrain_is_the_same_with_doors():
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_compose_humanoid(name):
+def test_compose_humanoid(name: str) -> None:
     scene = load_scene(name)
     model = compose("humanoid", scene).compile()
     alone = mujoco.MjModel.from_xml_path(str(ROOT / "models" / "mjcf" / "humanoid.xml"))
@@ -397,7 +408,14 @@ def test_compose_humanoid(name):
     assert scene.spec.to_xml() == before
 
 
-def test_compose_a_users_scene(yard, figure, capfd, tmp_path, monkeypatch, recwarn):
+def test_compose_a_users_scene(
+    yard: Path,
+    figure: Path,
+    capfd: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    recwarn: pytest.WarningsRecorder,
+) -> None:
     monkeypatch.chdir(tmp_path)
     scene = load_scene(yard)
     assert scene.start_yaw == pytest.approx(np.radians(30))
@@ -424,7 +442,7 @@ def test_compose_a_users_scene(yard, figure, capfd, tmp_path, monkeypatch, recwa
     assert not recwarn.list
 
 
-def test_compose_a_scene_that_moves_keeps_the_root_first(yard, figure):
+def test_compose_a_scene_that_moves_keeps_the_root_first(yard: Path, figure: Path) -> None:
     text = yard.read_text().replace(
         "<site name",
         '<body name="crate" pos="2 0 1"><freejoint name="crate"/>'
@@ -450,7 +468,9 @@ def assert_same(one: mujoco.MjModel, other: mujoco.MjModel, but: str = "-") -> N
             np.testing.assert_array_equal(value, getattr(other, name), err_msg=name)
 
 
-def test_saved_model_is_the_same_from_anywhere(yard, figure, tmp_path, monkeypatch):
+def test_saved_model_is_the_same_from_anywhere(
+    yard: Path, figure: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(yard.parent)
     spec = compose(figure, load_scene("yard.xml"))
     model = spec.compile()
@@ -468,13 +488,13 @@ def test_saved_model_is_the_same_from_anywhere(yard, figure, tmp_path, monkeypat
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_saved_humanoid_on_shipped_scenes(name, tmp_path):
+def test_saved_humanoid_on_shipped_scenes(name: str, tmp_path: Path) -> None:
     spec = compose("humanoid", load_scene(name))
     path = save_model(spec, tmp_path)
     assert_same(spec.compile(), mujoco.MjModel.from_xml_path(str(path)))
 
 
-def test_same_file_name_for_different_assets(tmp_path):
+def test_same_file_name_for_different_assets(tmp_path: Path) -> None:
     texts = {}
     for name, top in (("a", "0.5"), ("b", "1.5")):
         folder = tmp_path / name / "meshes"
@@ -493,7 +513,7 @@ def test_same_file_name_for_different_assets(tmp_path):
     assert_same(model, mujoco.MjModel.from_xml_path(str(save_model(spec, tmp_path / "out"))))
 
 
-def test_textures_held_in_memory(tmp_path):
+def test_textures_held_in_memory(tmp_path: Path) -> None:
     spec = flat()
     pixels = np.random.default_rng(0).integers(0, 256, (6, 4, 3), dtype=np.uint8)
     spec.add_texture(
@@ -510,7 +530,7 @@ def test_textures_held_in_memory(tmp_path):
     assert_same(spec.compile(), loaded, but="tex_colorspace")
 
 
-def test_two_models_in_one_folder_keep_their_own_heights(tmp_path):
+def test_two_models_in_one_folder_keep_their_own_heights(tmp_path: Path) -> None:
     first = save_model(terrain(1), tmp_path, "one.xml")
     second = save_model(terrain(2), tmp_path, "two.xml")
     again = save_model(terrain(1), tmp_path, "three.xml")
@@ -521,7 +541,7 @@ def test_two_models_in_one_folder_keep_their_own_heights(tmp_path):
     np.testing.assert_array_equal(data[0], data[2])
 
 
-def test_a_folder_that_cannot_be_written(tmp_path):
+def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(MotionError, match="cannot write") as caught:
         save_model(flat(), tmp_path / "file" / "out")
@@ -550,7 +570,7 @@ BAD_SCENES = {
 
 
 @pytest.mark.parametrize("name", BAD_SCENES)
-def test_bad_scene_files(name, tmp_path):
+def test_bad_scene_files(name: str, tmp_path: Path) -> None:
     text, message = BAD_SCENES[name]
     path = tmp_path / name
     if text is not None:
@@ -561,7 +581,7 @@ def test_bad_scene_files(name, tmp_path):
     assert name in str(caught.value)
 
 
-def test_unknown_scene_name_suggests_one():
+def test_unknown_scene_name_suggests_one() -> None:
     with pytest.raises(SceneError, match=re.escape("Did you mean 'terrain_doors'?")):
         load_scene("terain_door")
 
@@ -574,7 +594,7 @@ def test_unknown_scene_name_suggests_one():
         ('<site name="toe"/>', "toe"),
     ],
 )
-def test_names_that_clash(element, message, yard, figure):
+def test_names_that_clash(element: str, message: str, yard: Path, figure: Path) -> None:
     yard.write_text(USER_SCENE.replace("EXTRA", element))
     with pytest.raises(SceneError, match=message) as caught:
         compose(figure, load_scene(yard))
@@ -588,7 +608,7 @@ def test_names_that_clash(element, message, yard, figure):
         ('<mujoco><worldbody><body><geom size=".1"/></body></worldbody></mujoco>', "root"),
     ],
 )
-def test_bad_characters(text, message, tmp_path):
+def test_bad_characters(text: str, message: str, tmp_path: Path) -> None:
     (tmp_path / "bad.xml").write_text(text)
     with pytest.raises(ModelError, match=message):
         compose(tmp_path / "bad.xml", Scene.from_spec(flat()))
@@ -623,21 +643,21 @@ BAD_BUILDS = [
 
 
 @pytest.mark.parametrize(("build", "message"), BAD_BUILDS)
-def test_bad_builder_arguments(build, message):
+def test_bad_builder_arguments(build: Callable[[], object], message: str) -> None:
     with pytest.raises(SceneError, match=message) as caught:
         build()
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["bad.npy", "bad.png", "bad.obj", "bad.stl", "bad.xyzzy"])
-def test_damaged_height_files(name, tmp_path):
+def test_damaged_height_files(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(b"\x00\x01 not what it says \xff")
     with pytest.raises(SceneError, match=re.escape(name)) as caught:
         from_heights(tmp_path / name)
     assert "\n" not in str(caught.value)
 
 
-def test_registry_names_every_builder():
+def test_registry_names_every_builder() -> None:
     assert set(BUILDERS) == {
         "flat",
         "terrain",

@@ -8,7 +8,7 @@ import functools
 import mujoco
 import numpy as np
 import pytest
-from made_up import humanoid, loop_quats, loop_sites, mixed, pin
+from made_up import humanoid, loop_quats, loop_sites, mixed, pin, some
 from made_up import random_poses as poses
 
 from mjmotion.body.assets import find_asset
@@ -79,8 +79,10 @@ def four_moves() -> list[SharedMove]:
             np.array((0.0, 0.2, 1.0)),
             rigidity=0.5,
         ),
-        SharedMove(FEET[1], np.arange(3, 9), 0.7, np.array((0.3, 0.2, 0)), PLANE[:1], UP, 2.0),
-        SharedMove(FEET[1], np.arange(3, 9), 1.0, np.zeros(3), PLANE[1:], None, 2.0),
+        SharedMove(
+            FEET[1], np.arange(3, 9), np.array(0.7), np.array((0.3, 0.2, 0)), PLANE[:1], UP, 2.0
+        ),
+        SharedMove(FEET[1], np.arange(3, 9), np.array(1.0), np.zeros(3), PLANE[1:], None, 2.0),
     ]
 
 
@@ -208,7 +210,7 @@ def test_blocks_grow_with_contacts_not_with_their_square() -> None:
             SharedMove(
                 FEET[step % 2],
                 np.arange(max(0, 6 * step - 4), min(nframe, 6 * step + 10)),
-                1.0,
+                np.array(1.0),
                 np.zeros(3),
                 PLANE,
             )
@@ -234,7 +236,9 @@ def test_frames_that_are_asked_miss_no_move(spacing: int) -> None:
     model, nframe = humanoid(), 300
     targets = feet_of(model, nframe, 10)
     for first in range(spacing):
-        move = SharedMove(FEET[0], np.arange(first, nframe, spacing), 1.0, np.zeros(3), PLANE)
+        move = SharedMove(
+            FEET[0], np.arange(first, nframe, spacing), np.array(1.0), np.zeros(3), PLANE
+        )
         rows = SharedMoves([move], targets, model).some_rows(6)
         asked = np.isin(move.frames, rows).sum()
         assert asked >= 6 and len(rows) <= nframe and (np.diff(rows) > 0).all()
@@ -276,10 +280,10 @@ def test_moves_of_what_is_not_held() -> None:
     """Frames that nothing constrains, a site that nothing names, one held at other frames only."""
     model, qpos = humanoid(), poses(humanoid(), 10, 11)
     left, right = (pin(model, qpos, site) for site in FEET)
-    early = SiteConstraint(FEET[0], np.arange(4), left.position[:4])
+    early = SiteConstraint(FEET[0], np.arange(4), some(left.position)[:4])
     targets = lay_out([early, right], model, 10)
     for site, frames in ((FEET[0], (7, 8)), (FEET[1], (20, 21)), ("left_hand", (1, 2))):
-        move = SharedMove(site, np.array(frames), 1.0, np.zeros(3), PLANE)
+        move = SharedMove(site, np.array(frames), np.array(1.0), np.zeros(3), PLANE)
         with pytest.raises(ConstraintError, match=f"'{site}'.*no constraint holds that site"):
             SharedMoves([move], targets, model)
     with pytest.raises(ModelError, match="no_such"):
@@ -289,13 +293,15 @@ def test_moves_of_what_is_not_held() -> None:
 # What frames answer
 
 
-def near_targets(model: mujoco.MjModel, qpos: np.ndarray, sites: tuple[str, ...], kind: str):
+def near_targets(
+    model: mujoco.MjModel, qpos: np.ndarray, sites: tuple[str, ...], kind: str
+) -> list[Constraint]:
     """Sites to be elsewhere by about SMALL, with all kinds of other wishes at some frames."""
     rng, n = np.random.default_rng(12), len(qpos)
     constraints: list[Constraint] = []
     for site in sites:
         own = pin(model, qpos, site, SMALL * rng.normal(size=(n, 3)))
-        quat = multiply(exp(SMALL * rng.normal(size=(n, 3))), own.quat)
+        quat = multiply(exp(SMALL * rng.normal(size=(n, 3))), some(own.quat))
         constraints.append(
             SiteConstraint(
                 site,
@@ -410,17 +416,19 @@ def sliding(power: float, seed: int = 0) -> tuple[Motion, np.ndarray, np.ndarray
     left, right = (pin(model, qpos, site) for site in FEET)
     s = np.linspace(0.0, 1.0, NFRAME) ** power
     drift, yaw = np.outer(s, (0.06, -0.03, 0.0)), 0.3 * s
-    quat = multiply(yaw_quat(yaw), left.quat)
-    slid = SiteConstraint(FEET[0], left.frames, left.position + drift, quat)
+    quat = multiply(yaw_quat(yaw), some(left.quat))
+    slid = SiteConstraint(FEET[0], left.frames, some(left.position) + drift, quat)
     found = fit(Motion(model, qpos, 30.0), [right, slid], levels=(8, 4, 2, 2), first_guess=False)
-    return found.motion, left.position + drift, yaw
+    return found.motion, some(left.position) + drift, yaw
 
 
-def free_foot(motion: Motion, free: tuple[str, ...], away: tuple[float, float] = (0.02, 0.05)):
+def free_foot(
+    motion: Motion, free: tuple[str, ...], away: tuple[float, float] = (0.02, 0.05)
+) -> list[SiteConstraint]:
     """The right foot where it is, the left on one spot some way off the middle of its slide."""
     left, right = (pin(motion.model, motion.qpos, site) for site in FEET)
-    spot = left.position[0] + (*away, 0.0)
-    return [right, SiteConstraint(FEET[0], left.frames, spot, left.quat[0], free=free)]
+    spot = some(left.position)[0] + (*away, 0.0)
+    return [right, SiteConstraint(FEET[0], left.frames, spot, some(left.quat)[0], free=free)]
 
 
 def cost_of(result: Fit, motion: Motion) -> float:
@@ -445,7 +453,7 @@ def test_a_free_foothold_comes_to_the_mean_place(power: float, ik: str) -> None:
     held = with_moves(free_foot(motion, ("x", "y", "yaw")), result.moves)
     best = cost_of(result, motion)
     for shift in ((0.01, 0), (-0.01, 0), (0, 0.01), (0, -0.01)):
-        aside = dataclasses.replace(held[1], position=held[1].position + (*shift, 0.0))
+        aside = dataclasses.replace(held[1], position=some(held[1].position) + (*shift, 0.0))
         other = fit(motion, [held[0], aside], ik=ik, first_guess=False)
         assert cost_of(other, motion) > best
     fixed = fit(motion, free_foot(motion, ()), ik=ik, first_guess=False)
@@ -460,7 +468,7 @@ def test_frames_that_count_more_draw_a_foothold_more() -> None:
     moved = SharedMove(FEET[0], np.arange(NFRAME), share, np.zeros(3), PLANE, rigidity=RIGIDITY)
     result = fit(motion, constraints, shared=[moved], first_guess=False)
     # Least Σ |track - spot - share u|²: u = Σ share (track - spot) / Σ share².
-    spot = constraints[1].position[0]
+    spot = some(constraints[1].position)[0]
     u = (share[:, None] * (track - spot)).sum(axis=0) / (share @ share)
     np.testing.assert_allclose(result.moves[0, :2], u[:2], atol=3e-3)
     foot = loop_sites(motion.model, result.motion.qpos)[:, motion.model.site(FEET[0]).id]
@@ -475,21 +483,23 @@ def test_only_what_is_free_moves(free: tuple[str, ...]) -> None:
     constraints = free_foot(motion, free)
     result = fit(motion, constraints, first_guess=False)
     moved = with_moves(constraints, result.moves)[1]
-    step = np.abs(moved.position - constraints[1].position).max(axis=0)
+    step = np.abs(some(moved.position) - some(constraints[1].position)).max(axis=0)
     np.testing.assert_array_equal(step > 1e-6, [name in free for name in "xyz"])
-    turn = log(multiply(moved.quat, conjugate(constraints[1].quat)))
+    turn = log(multiply(moved.quat, conjugate(some(constraints[1].quat))))
     assert (np.abs(turn).max() > 1e-3) == ("yaw" in free) and np.abs(turn[:, :2]).max() < 1e-9
     assert moved.free == () and constraints[1].free == free
     foot = loop_sites(motion.model, result.motion.qpos)[:, motion.model.site(FEET[0]).id]
-    np.testing.assert_allclose(foot, moved.position, atol=SLIDE)
-    np.testing.assert_allclose(result.targets.position[:, 1], moved.position, atol=1e-12)
+    np.testing.assert_allclose(foot, some(moved.position), atol=SLIDE)
+    np.testing.assert_allclose(result.targets.position[:, 1], some(moved.position), atol=1e-12)
 
 
 def test_a_stiff_move_stays_and_a_soft_one_goes() -> None:
     motion, _, _ = sliding(1.0)
     constraints, gone = free_foot(motion, ()), []
     for rigidity in (1e-3, 30.0, 1e6):
-        move = SharedMove(FEET[0], np.arange(NFRAME), 1.0, np.zeros(3), PLANE, None, rigidity)
+        move = SharedMove(
+            FEET[0], np.arange(NFRAME), np.array(1.0), np.zeros(3), PLANE, None, rigidity
+        )
         result = fit(motion, constraints, shared=[move], first_guess=False, exact=False)
         gone.append(float(np.linalg.norm(result.moves[0, :2])))
     assert gone[0] > gone[1] > gone[2] and gone[0] > 0.02 and gone[2] < 1e-4
@@ -499,11 +509,11 @@ def test_two_moves_of_the_same_frames() -> None:
     """One contact free along x and another along y; they have some frames in common."""
     motion, track, _ = sliding(1.0)
     constraints = free_foot(motion, ())
-    spot = constraints[1].position[0]
+    spot = some(constraints[1].position)[0]
     first, second = np.arange(0, 25), np.arange(15, NFRAME)
     moves = [
-        SharedMove(FEET[0], first, 1.0, spot, PLANE[:1]),
-        SharedMove(FEET[0], second, 1.0, spot, PLANE[1:]),
+        SharedMove(FEET[0], first, np.array(1.0), spot, PLANE[:1]),
+        SharedMove(FEET[0], second, np.array(1.0), spot, PLANE[1:]),
     ]
     result = fit(motion, constraints, shared=moves, first_guess=False, exact=False)
     wanted = ((track - spot)[first, 0].mean(), (track - spot)[second, 1].mean())
@@ -519,14 +529,16 @@ def test_a_model_without_limbs() -> None:
     model = mixed()
     qpos = np.tile(poses(model, 1, 17, 0.1), (20, 1))
     own = pin(model, qpos, "tip")
-    spot = SiteConstraint("tip", own.frames, own.position[0] + (0.0, 0.1, 0.02), free=("x", "y"))
+    spot = SiteConstraint(
+        "tip", own.frames, some(own.position)[0] + (0.0, 0.1, 0.02), free=("x", "y")
+    )
     for ik in ("hybrid", "numeric"):
         result = fit(Motion(model, qpos, 30.0), [spot], ik=ik, first_guess=False)
         tip = loop_sites(model, result.motion.qpos)[:, model.site("tip").id]
         assert np.ptp(tip, axis=0).max() < SLIDE
         # What is free goes back to where the motion had it; what is not is met.
         np.testing.assert_allclose(result.moves[0], (0.0, -0.1, 0.0, 0.0), atol=0.01)
-        np.testing.assert_allclose(tip[:, 2], own.position[0, 2] + 0.02, atol=1e-4)
+        np.testing.assert_allclose(tip[:, 2], some(own.position)[0, 2] + 0.02, atol=1e-4)
 
 
 def test_a_foothold_held_beside_links_and_gazes_at_other_frames() -> None:
@@ -534,11 +546,11 @@ def test_a_foothold_held_beside_links_and_gazes_at_other_frames() -> None:
     motion, _, _ = sliding(1.0)
     right, left = free_foot(motion, ("x", "y"))
     early = dataclasses.replace(
-        left, frames=left.frames[:15], position=left.position[:15], quat=left.quat[:15]
+        left, frames=left.frames[:15], position=some(left.position)[:15], quat=some(left.quat)[:15]
     )
     others: list[Constraint] = [
-        RelativeConstraint("left_hand", np.arange(20, 35), "pelvis", (0.02, 0.24, 0.0)),
-        LookAt("face", np.arange(10, 35), (3.0, 0.5, 1.5)),
+        RelativeConstraint("left_hand", np.arange(20, 35), "pelvis", np.array((0.02, 0.24, 0.0))),
+        LookAt("face", np.arange(10, 35), np.array((3.0, 0.5, 1.5))),
     ]
     for ik in ("hybrid", "numeric"):
         for constraints in ([early, *others], [right, early, *others]):
@@ -574,7 +586,7 @@ def test_free_moves_are_read_from_constraints() -> None:
     frames, points = np.arange(3, 6), np.array(((0, 0, 1), (0, 0, 2), (3, 0, 3)), float)
     both = SiteConstraint("left_hand", frames, points, free=("yaw", "z", "x"))
     fixed = SiteConstraint("right_hand", frames, points)
-    (move,) = free_moves([fixed, both, LookAt("face", frames, (1, 0, 0))])
+    (move,) = free_moves([fixed, both, LookAt("face", frames, np.array((1, 0, 0)))])
     assert move.site == "left_hand" and move.rigidity == RIGIDITY
     np.testing.assert_array_equal(move.frames, frames)
     np.testing.assert_array_equal(move.share, 1.0)
@@ -590,7 +602,7 @@ def test_with_moves_turns_about_the_middle() -> None:
     fixed = SiteConstraint("right_hand", frames, points)
     held = with_moves([fixed, free], np.array(((0.3, 0.0, 0.0, np.pi / 2),)))
     assert held[0] is fixed
-    np.testing.assert_allclose(held[1].position, ((2, -0.7, 1), (2, 1.3, 1)), atol=1e-12)
+    np.testing.assert_allclose(some(held[1].position), ((2, -0.7, 1), (2, 1.3, 1)), atol=1e-12)
     turned = log(multiply(held[1].quat, conjugate(quat)))
     np.testing.assert_allclose(turned, np.tile((0, 0, np.pi / 2), (2, 1)), atol=1e-12)
     assert held[1].free == () and held[1].weight == 1.0

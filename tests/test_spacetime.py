@@ -61,9 +61,25 @@ def two_moves(nframe: int) -> list[SharedMove]:
     fade = np.linspace(0.0, 1.0, nframe)
     every = np.arange(nframe)
     return [
-        SharedMove("left_foot", every, 1.0 - fade, (0.1, 0.0, 0.0), np.eye(3)[:2], UP, 0.3),
-        SharedMove("left_foot", every, fade, (0.5, 0.1, 0.0), np.eye(3), (0.6, 0.0, 0.8), 0.2),
-        SharedMove("right_foot", every[1:4], 1.0, (0.0, 0.0, 0.0), [[1.0, 1.0, 0.0]]),
+        SharedMove(
+            "left_foot", every, 1.0 - fade, np.array((0.1, 0.0, 0.0)), np.eye(3)[:2], UP, 0.3
+        ),
+        SharedMove(
+            "left_foot",
+            every,
+            fade,
+            np.array((0.5, 0.1, 0.0)),
+            np.eye(3),
+            np.array((0.6, 0.0, 0.8)),
+            0.2,
+        ),
+        SharedMove(
+            "right_foot",
+            every[1:4],
+            np.array(1.0),
+            np.array((0.0, 0.0, 0.0)),
+            np.array([[1.0, 1.0, 0.0]]),
+        ),
     ]
 
 
@@ -76,7 +92,7 @@ def small_problem(spacing: float = 2.0) -> Problem:
         dataclasses.replace(
             pin(model, qpos[:5], "right_foot", (0.0, 0.1, 0.02)), frames=np.arange(1, 6), weight=0.5
         ),
-        SiteConstraint("left_hand", np.array([2, 3]), position=(0.5, 0.4, 1.2)),
+        SiteConstraint("left_hand", np.array([2, 3]), position=np.array((0.5, 0.4, 1.2))),
     ]
     targets = lay_out(constraints, model, 7)
     return Problem(model, qpos, targets, two_moves(7), default_weights(model), spacing)
@@ -147,7 +163,11 @@ def test_the_range_of_a_whole_ball() -> None:
     motion = Motion(model, np.tile(model.qpos0, (3, 1)), 30.0)
     quat = exp(np.tile((0.6, 0.3, -0.2), (3, 1)))
     problem = Problem(
-        *(model, motion.qpos, lay_out([SiteConstraint("end", range(3), quat=quat)], model, 3)),
+        *(
+            model,
+            motion.qpos,
+            lay_out([SiteConstraint("end", np.array(range(3)), quat=quat)], model, 3),
+        ),
         *([], default_weights(model), 1.0),
     )
     point = 0.8 * np.random.default_rng(2).normal(size=problem.nunknown)
@@ -199,7 +219,7 @@ def test_a_move_of_nothing_is_told() -> None:
     model = humanoid()
     qpos = random_poses(model, 3, seed=4)
     constraints = [pin(model, qpos, "left_foot")]
-    move = SharedMove("right_foot", np.arange(3), 1.0, np.zeros(3), np.eye(3))
+    move = SharedMove("right_foot", np.arange(3), np.array(1.0), np.zeros(3), np.eye(3))
     with pytest.raises(ConstraintError, match="right_foot"):
         solve_spacetime(Motion(model, qpos, 30.0), constraints, shared=[move])
 
@@ -236,7 +256,9 @@ def test_free_footholds_go_back_to_where_nothing_is_asked(short_walk: Motion) ->
             )
         )
         moves.append(
-            SharedMove(constraint.site, constraint.frames, 1.0, pivot, np.eye(3)[:2], UP, 1e-6)
+            SharedMove(
+                constraint.site, constraint.frames, np.array(1.0), pivot, np.eye(3)[:2], UP, 1e-6
+            )
         )
     found = solve_spacetime(
         short_walk, asked, shared=moves, first_guess=False, spacing=1.0, tolerance=1e-9
@@ -256,7 +278,15 @@ def test_a_stiff_move_gives_as_much_as_its_rigidity_lets_it(short_walk: Motion) 
     pivot = np.zeros(3)
     costs = {}
     for rigidity in (1.0, 30.0):
-        move = SharedMove("left_foot", np.arange(1), 1.0, pivot, [[1.0, 0.0, 0.0]], None, rigidity)
+        move = SharedMove(
+            "left_foot",
+            np.arange(1),
+            np.array(1.0),
+            pivot,
+            np.array([[1.0, 0.0, 0.0]]),
+            None,
+            rigidity,
+        )
         found = solve_spacetime(
             still, constraints, shared=[move], first_guess=False, spacing=1.0, tolerance=1e-10
         )
@@ -365,7 +395,7 @@ def test_settings_that_make_no_sense(
 
 
 def test_constraints_that_it_cannot_take(short_walk: Motion) -> None:
-    gaze: Constraint = LookAt("left_hand", np.arange(3), point=(1.0, 0.0, 1.0))
+    gaze: Constraint = LookAt("left_hand", np.arange(3), point=np.array((1.0, 0.0, 1.0)))
     with pytest.raises(FitError, match="LookAt"):
         solve_spacetime(short_walk, [gaze])
     with pytest.raises(FitError, match="no constraints"):

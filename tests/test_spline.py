@@ -26,10 +26,12 @@ SOME = settings(deadline=None, max_examples=40, derandomize=True)
 spacings = st.sampled_from((1.0, 2.0, 3.0, 4.0, 7.5, 16.0, 200.0))
 
 
-def literal_equation_2(frames, data, nframe, spacing, squares):
+def literal_equation_2(
+    frames: np.ndarray, data: np.ndarray, nframe: int, spacing: float, squares: bool
+) -> np.ndarray:
     """Eq. 2 word by word: the proximity set of each control point, ω, β, and the weighted mean."""
 
-    def b(k, s):
+    def b(k: int, s: float) -> float:
         return (
             (1 - s) ** 3 / 6,
             (3 * s**3 - 6 * s**2 + 4) / 6,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up import loop_sites, pin, walk
+from made_up import loop_sites, pin, some, walk
 
 from mjmotion.body.kinematics import character_height
 from mjmotion.cli.main import COMMANDS
@@ -57,9 +57,9 @@ def raised(name: str = "made up", height: float = 0.03) -> Job:
             at = np.arange(contact.start, contact.end)
             lift = np.array((0.0, 0.0, height * (number % 2)))
             middle = (contact.start + contact.end) // 2
-            place = whole.position[middle] + lift
+            place = some(whole.position)[middle] + lift
             constraints.append(
-                SiteConstraint(f"{side}_foot", at, place, whole.quat[middle], contact=True)
+                SiteConstraint(f"{side}_foot", at, place, some(whole.quat)[middle], contact=True)
             )
     return Job(name, motion, tuple(constraints), contacts=contacts)
 
@@ -352,7 +352,7 @@ def test_a_job_of_all_frames_has_smoother_levels_than_interpolation() -> None:
     rng = np.random.default_rng(3)
     noisy = tuple(
         dataclasses.replace(
-            one, position=one.position + 0.004 * rng.normal(size=(len(one.frames), 3))
+            one, position=some(one.position) + 0.004 * rng.normal(size=(len(one.frames), 3))
         )
         for one in job.constraints
     )

@@ -41,7 +41,7 @@ def build(scene: str = SCENE, seed: int = 5) -> mujoco.MjModel:
     return spec.compile()
 
 
-def test_tops_are_the_highest_of_each_rectangle():
+def test_tops_are_the_highest_of_each_rectangle() -> None:
     rng = np.random.default_rng(1)
     values = rng.random((19, 31))
     tops = Tops(values)
@@ -54,7 +54,7 @@ def test_tops_are_the_highest_of_each_rectangle():
     assert np.isinf(found).any() and np.isfinite(found).sum() > 100
 
 
-def test_box_tops_miss_no_box_and_reach_little_beyond():
+def test_box_tops_miss_no_box_and_reach_little_beyond() -> None:
     rng = np.random.default_rng(2)
     low = rng.uniform(-3, 3, (50, 3))
     high = low + rng.uniform(0.01, 0.6, (50, 3))
@@ -71,7 +71,7 @@ def test_box_tops_miss_no_box_and_reach_little_beyond():
 
 
 @pytest.mark.parametrize("solids", [True, False])
-def test_no_ground_is_higher_than_highest_says(solids: bool):
+def test_no_ground_is_higher_than_highest_says(solids: bool) -> None:
     rng = np.random.default_rng(3)
     ground = Ground(build())
     centre = np.concatenate((rng.uniform(-3, 3, (300, 2)), np.ones((300, 1))), axis=1)
@@ -91,7 +91,7 @@ def test_no_ground_is_higher_than_highest_says(solids: bool):
     assert np.isfinite(bound).any()
 
 
-def test_swing_clearance_is_that_of_the_lowest_of_all_points():
+def test_swing_clearance_is_that_of_the_lowest_of_all_points() -> None:
     """The pruned search against every sample of the foot in every frame."""
     model = build()
     rng = np.random.default_rng(4)
@@ -118,7 +118,7 @@ def test_swing_clearance_is_that_of_the_lowest_of_all_points():
         assert frame == swing.first + span.argmin()
 
 
-def test_poses_are_those_of_one_frame_at_a_time_whatever_lies_between_the_geoms():
+def test_poses_are_those_of_one_frame_at_a_time_whatever_lies_between_the_geoms() -> None:
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
         <body name="a"><freejoint/><geom size=".1"/><geom size=".1" contype="0" conaffinity="0"/>
@@ -139,7 +139,7 @@ def test_poses_are_those_of_one_frame_at_a_time_whatever_lies_between_the_geoms(
         np.testing.assert_array_equal(poses.site[frame], data.site_xpos)
 
 
-def test_the_ground_of_a_model_is_its_own():
+def test_the_ground_of_a_model_is_its_own() -> None:
     first, second = build(), build(seed=6)
     assert ground_of(first) is ground_of(first)
     points = np.random.default_rng(7).uniform(-1, 1, (50, 3)) + (0, 0, 5)

@@ -5,7 +5,9 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -51,24 +53,27 @@ FIGURE = """
 """
 
 
-def heights(x, y):
+SideBySide = tuple[Path, list[tuple[int, int]], dict[str, Any], list[np.ndarray]]
+
+
+def heights(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Hills [m] with the curvature of rough ground."""
     return 0.3 * np.sin(1.6 * x) * np.cos(1.4 * y)
 
 
-def figure_on(add_scene) -> mujoco.MjModel:
+def figure_on(add_scene: Callable[[mujoco.MjSpec], None]) -> mujoco.MjModel:
     spec = mujoco.MjSpec.from_string(FIGURE)
     add_scene(spec)
     return spec.compile()
 
 
-def flat(spec):
+def flat(spec: mujoco.MjSpec) -> None:
     spec.worldbody.add_geom(
         name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], rgba=[0.5, 0.6, 0.5, 1]
     )
 
 
-def hills(spec, rows=241, columns=361):
+def hills(spec: mujoco.MjSpec, rows: int = 241, columns: int = 361) -> None:
     x, y = np.linspace(-3, 15, columns), np.linspace(-6, 6, rows)
     z = heights(x[None], y[:, None])
     low, span = z.min(), np.ptp(z)
@@ -88,7 +93,13 @@ def hills(spec, rows=241, columns=361):
     )
 
 
-def walk(model, nframe=60, fps=30.0, speed=1.2, lift=0.0) -> Motion:
+def walk(
+    model: mujoco.MjModel,
+    nframe: int = 60,
+    fps: float = 30.0,
+    speed: float = 1.2,
+    lift: float = 0.0,
+) -> Motion:
     """The figure moves along +x and swings its legs."""
     time_ = np.arange(nframe) / fps
     qpos = np.tile(model.qpos0, (nframe, 1))
@@ -100,7 +111,7 @@ def walk(model, nframe=60, fps=30.0, speed=1.2, lift=0.0) -> Motion:
 
 
 @pytest.fixture(scope="module")
-def gl():
+def gl() -> None:
     """Skip, with the reason, where there is no offscreen OpenGL."""
     model = mujoco.MjModel.from_xml_string(FIGURE)
     try:
@@ -110,18 +121,18 @@ def gl():
         pytest.skip(str(error))
 
 
-def magenta(image):
+def magenta(image: np.ndarray) -> np.ndarray:
     """Return (h, w) bool: pixels of the figure's own colour."""
     red, green, blue = (image[..., i].astype(int) for i in range(3))
     return (red > green + 40) & (blue > green + 15)
 
 
-def orange(image):
+def orange(image: np.ndarray) -> np.ndarray:
     red, green, blue = (image[..., i].astype(int) for i in range(3))
     return (red > 150) & (red > green + 50) & (green > blue + 30)
 
 
-def decode(path):
+def decode(path: Path) -> tuple[dict[str, Any], list[np.ndarray]]:
     import imageio.v2 as imageio
 
     with imageio.get_reader(path, format="FFMPEG") as reader:
@@ -132,12 +143,12 @@ def decode(path):
 
 
 @pytest.fixture(scope="module")
-def side_by_side(gl, tmp_path_factory):
+def side_by_side(gl: None, tmp_path_factory: pytest.TempPathFactory) -> SideBySide:
     folder = tmp_path_factory.mktemp("video")
     model = figure_on(hills)
     source = walk(model, nframe=96, fps=120.0)
     motion = source.replace(source.qpos + np.eye(model.nq)[2] * 0.3)
-    calls = []
+    calls: list[tuple[int, int]] = []
     path = render_video(
         folder / "walk.mp4",
         motion,
@@ -150,7 +161,7 @@ def side_by_side(gl, tmp_path_factory):
     return path, calls, *decode(path)
 
 
-def test_video_has_the_size_rate_and_frames_asked_for(side_by_side):
+def test_video_has_the_size_rate_and_frames_asked_for(side_by_side: SideBySide) -> None:
     path, calls, meta, frames = side_by_side
     assert len(frames) == 24  # 96 frames at 120 a second are 24 at 30
     assert meta["fps"] == pytest.approx(30.0)
@@ -161,12 +172,12 @@ def test_video_has_the_size_rate_and_frames_asked_for(side_by_side):
     assert [p.name for p in path.parent.iterdir()] == ["walk.mp4"]
 
 
-def test_players_can_start_before_the_file_is_read(side_by_side):
+def test_players_can_start_before_the_file_is_read(side_by_side: SideBySide) -> None:
     content = side_by_side[0].read_bytes()
     assert 0 < content.index(b"moov") < content.index(b"mdat")
 
 
-def test_video_shows_a_figure_in_both_panels_that_moves(side_by_side):
+def test_video_shows_a_figure_in_both_panels_that_moves(side_by_side: SideBySide) -> None:
     frames = side_by_side[3]
     for image in frames:
         assert image.mean() > 60
@@ -177,12 +188,12 @@ def test_video_shows_a_figure_in_both_panels_that_moves(side_by_side):
         assert (first ^ later).sum() > 0.1 * first.sum()
 
 
-def test_panels_differ(side_by_side):
+def test_panels_differ(side_by_side: SideBySide) -> None:
     image = side_by_side[3][0].astype(int)
     assert np.abs(image[90:, :158] - image[90:, 162:]).mean() > 10
 
 
-def test_frames_outside_the_motion_are_an_error(gl):
+def test_frames_outside_the_motion_are_an_error(gl: None) -> None:
     with pytest.raises(exceptions.RenderError, match="0 to 59, not 60") as caught:
         render_frames(walk(figure_on(flat)), [3, 60])
     assert caught.value.frames == (60,)
@@ -191,9 +202,9 @@ def test_frames_outside_the_motion_are_an_error(gl):
 # --- what is on a picture -------------------------------------------------------------------------
 
 
-def test_captions_name_the_panels(gl):
+def test_captions_name_the_panels(gl: None) -> None:
     motion = walk(figure_on(flat), nframe=4)
-    size = {"width": 640, "height": 360, "source": motion, "layout": "side-by-side"}
+    size: dict[str, Any] = {"width": 640, "height": 360, "source": motion, "layout": "side-by-side"}
     bare = render_frames(motion, [2], **size)[0]
     written = render_frames(motion, [2], **size, captions=("before", "after"))[0]
     changed = np.abs(bare.astype(int) - written).max(axis=2) > 20
@@ -205,7 +216,7 @@ def test_captions_name_the_panels(gl):
     assert not changed[60:320].any()
 
 
-def test_contacts_are_marked_while_they_last_and_after(gl):
+def test_contacts_are_marked_while_they_last_and_after(gl: None) -> None:
     motion = walk(figure_on(flat), nframe=40, speed=0.5)
     contacts = [Contact("left_heel", 10, 20)]
     bare = render_frames(motion, [15], 640, 360)[0]
@@ -214,7 +225,7 @@ def test_contacts_are_marked_while_they_last_and_after(gl):
     assert orange(during).sum() > orange(after).sum() > 0
 
 
-def test_ghost_is_drawn_where_it_differs(gl):
+def test_ghost_is_drawn_where_it_differs(gl: None) -> None:
     motion = walk(figure_on(flat), nframe=4)
     aside = motion.replace(motion.qpos + np.eye(motion.model.nq)[2] * 0.25)
     with_ghost = render_frames(motion, [2], 320, 180, source=aside, layout="ghost")[0].astype(int)
@@ -224,7 +235,7 @@ def test_ghost_is_drawn_where_it_differs(gl):
     assert bluer[:, 100:220].sum() == bluer.sum()
 
 
-def test_strip_shows_every_pose(gl):
+def test_strip_shows_every_pose(gl: None) -> None:
     motion = walk(figure_on(flat), nframe=120, speed=1.5)
     image = render_strip(motion, 5, 800, 200)
     assert image.shape == (200, 800, 3)
@@ -233,7 +244,7 @@ def test_strip_shows_every_pose(gl):
     assert columns[:8].sum() == columns[-8:].sum() == 0
 
 
-def test_the_motions_model_stays_as_it_was(gl):
+def test_the_motions_model_stays_as_it_was(gl: None) -> None:
     model = figure_on(hills)
     before = [np.array(a) for a in (model.geom_rgba, model.geom_pos, model.hfield_data)]
     render_frames(walk(model, nframe=3), [0, 2], 128, 96)
@@ -245,7 +256,7 @@ def test_the_motions_model_stays_as_it_was(gl):
 # --- the camera -----------------------------------------------------------------------------------
 
 
-def test_camera_keeps_the_figure_at_60_percent_of_the_height_without_jitter():
+def test_camera_keeps_the_figure_at_60_percent_of_the_height_without_jitter() -> None:
     motion = walk(figure_on(flat), nframe=150)
     noise = np.random.default_rng(0).normal(0, 0.01, motion.qpos[:, :3].shape)
     qpos = motion.qpos.copy()
@@ -261,8 +272,8 @@ def test_camera_keeps_the_figure_at_60_percent_of_the_height_without_jitter():
 
 
 @pytest.mark.parametrize("side", [-1, 1])
-def test_camera_stays_on_the_side_without_a_wall(side):
-    def wall(spec):
+def test_camera_stays_on_the_side_without_a_wall(side: int) -> None:
+    def wall(spec: mujoco.MjSpec) -> None:
         flat(spec)
         spec.worldbody.add_geom(
             type=mujoco.mjtGeom.mjGEOM_BOX, pos=[3, side * 1.5, 2], size=[12, 0.1, 4]
@@ -277,8 +288,8 @@ def test_camera_stays_on_the_side_without_a_wall(side):
     assert np.all((hit < 0) | (hit > 1))
 
 
-def test_camera_stays_above_the_ground():
-    def bank(spec):
+def test_camera_stays_above_the_ground() -> None:
+    def bank(spec: mujoco.MjSpec) -> None:
         flat(spec)
         for side in (-1, 1):
             spec.worldbody.add_geom(
@@ -291,7 +302,7 @@ def test_camera_stays_above_the_ground():
     assert np.all(position[:, 2] > ground + 0.2)
 
 
-def test_camera_of_a_single_frame():
+def test_camera_of_a_single_frame() -> None:
     motion = walk(figure_on(flat), nframe=1)
     path = follow(motion.model, motion.qpos, 30.0)
     assert path.position.shape == (1, 3) and np.isfinite(path.position).all()
@@ -302,8 +313,8 @@ def test_camera_of_a_single_frame():
 
 @pytest.mark.parametrize("textured", [False, True])
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
-def test_window_on_a_field_shows_the_true_ground(textured, yaw):
-    def scene(spec):
+def test_window_on_a_field_shows_the_true_ground(textured: bool, yaw: float) -> None:
+    def scene(spec: mujoco.MjSpec) -> None:
         hills(spec)
         spec.geom("hills").quat = [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]
         if textured:
@@ -335,8 +346,8 @@ def test_window_on_a_field_shows_the_true_ground(textured, yaw):
     assert shown.hfield_nrow[0] * shown.hfield_ncol[0] < 0.05 * 241 * 361
 
 
-def test_field_with_a_stretched_texture_is_shown_whole():
-    def scene(spec):
+def test_field_with_a_stretched_texture_is_shown_whole() -> None:
+    def scene(spec: mujoco.MjSpec) -> None:
         hills(spec, 401, 601)
         kind, checker = mujoco.mjtTexture.mjTEXTURE_2D, mujoco.mjtBuiltin.mjBUILTIN_CHECKER
         spec.add_texture(name="t", type=kind, builtin=checker, width=64, height=64)
@@ -350,7 +361,7 @@ def test_field_with_a_stretched_texture_is_shown_whole():
     assert (shown.hfield_nrow[0], shown.hfield_ncol[0]) == (134, 201)
 
 
-def test_small_field_is_left_alone():
+def test_small_field_is_left_alone() -> None:
     shown = picture_model(figure_on(lambda spec: hills(spec, 40, 60)), 64, 64, fovy=30.0)
     assert not FieldWindow(shown).move([1, 0, 0])
     assert (shown.hfield_nrow[0], shown.hfield_ncol[0]) == (40, 60)
@@ -369,7 +380,7 @@ def test_small_field_is_left_alone():
         (29.97, 30, 29.97, 60),
     ],
 )
-def test_fast_motions_are_thinned_evenly(fps, limit, rate, count):
+def test_fast_motions_are_thinned_evenly(fps: float, limit: float, rate: float, count: int) -> None:
     frames, got = video_frames(walk(figure_on(flat), nframe=60, fps=fps), limit)
     assert got == pytest.approx(rate)
     assert len(frames) == count and len(set(np.diff(frames))) == 1
@@ -383,13 +394,15 @@ def test_fast_motions_are_thinned_evenly(fps, limit, rate, count):
         ({"fps": 0.0}, "positive"),
     ],
 )
-def test_settings_without_sense_are_one_line_and_leave_nothing(gl, tmp_path, wrong, message):
+def test_settings_without_sense_are_one_line_and_leave_nothing(
+    gl: None, tmp_path: Path, wrong: dict[str, Any], message: str
+) -> None:
     with pytest.raises(exceptions.RenderError, match=message):
         render_video(tmp_path / "a.mp4", walk(figure_on(flat), nframe=4), **wrong)
     assert not list(tmp_path.iterdir())
 
 
-def test_source_of_another_length_is_refused(gl, tmp_path):
+def test_source_of_another_length_is_refused(gl: None, tmp_path: Path) -> None:
     model = figure_on(flat)
     with pytest.raises(exceptions.RenderError, match="5 frames and motion 4"):
         render_video(tmp_path / "a.mp4", walk(model, nframe=4), walk(model, nframe=5))
@@ -398,15 +411,15 @@ def test_source_of_another_length_is_refused(gl, tmp_path):
 # --- the writer -----------------------------------------------------------------------------------
 
 
-def frames_of_noise(count, height=64, width=96):
+def frames_of_noise(count: int, height: int = 64, width: int = 96) -> np.ndarray:
     return np.random.default_rng(0).integers(0, 255, (count, height, width, 3), dtype=np.uint8)
 
 
-def test_writer_replaces_a_file_only_when_it_is_complete(tmp_path):
+def test_writer_replaces_a_file_only_when_it_is_complete(tmp_path: Path) -> None:
     path = tmp_path / "a.mp4"
     path.write_text("earlier")
 
-    def broken():
+    def broken() -> None:
         with VideoWriter(path, 96, 64, 30.0) as writer:
             writer.write(frames_of_noise(1)[0])
             raise KeyError("mid-way")
@@ -420,7 +433,7 @@ def test_writer_replaces_a_file_only_when_it_is_complete(tmp_path):
     assert len(decode(path)[1]) == 7 and len(list(tmp_path.iterdir())) == 1
 
 
-def test_colours_survive_encoding(tmp_path):
+def test_colours_survive_encoding(tmp_path: Path) -> None:
     image = np.empty((64, 96, 3), np.uint8)
     image[:, :48], image[:, 48:] = (200, 60, 40), (30, 120, 210)
     with VideoWriter(tmp_path / "a.mp4", 96, 64, 30.0, crf=10) as writer:
@@ -432,16 +445,18 @@ def test_colours_survive_encoding(tmp_path):
 
 
 @pytest.mark.parametrize("path", ["nowhere/a.mp4", "a.avi"])
-def test_writer_refuses_what_it_cannot_write(tmp_path, path):
+def test_writer_refuses_what_it_cannot_write(tmp_path: Path, path: str) -> None:
     with pytest.raises(exceptions.OutputError):
         VideoWriter(tmp_path / path, 96, 64, 30.0)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_failing_encoder_is_an_output_error_and_does_not_hang(tmp_path, monkeypatch):
+def test_a_failing_encoder_is_an_output_error_and_does_not_hang(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", shutil.which("false"))
 
-    def write_much():
+    def write_much() -> None:
         with VideoWriter(tmp_path / "a.mp4", 96, 64, 30.0) as writer:
             for image in frames_of_noise(60):
                 writer.write(image)
@@ -452,8 +467,8 @@ def test_a_failing_encoder_is_an_output_error_and_does_not_hang(tmp_path, monkey
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc")
-def test_encoder_has_a_low_priority_and_the_caller_keeps_its_own(tmp_path):
-    def encoder():
+def test_encoder_has_a_low_priority_and_the_caller_keeps_its_own(tmp_path: Path) -> None:
+    def encoder() -> int | None:
         for folder in Path("/proc").glob("[0-9]*"):
             try:
                 fields = (folder / "stat").read_text().rpartition(")")[2].split()
@@ -500,7 +515,7 @@ except RenderError as error:
 """
 
 
-def run(code, *args, **environment):
+def run(code: str, *args: str, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-c", code, *args],
         capture_output=True,
@@ -510,14 +525,14 @@ def run(code, *args, **environment):
     )
 
 
-def test_missing_library_names_the_packages(tmp_path):
+def test_missing_library_names_the_packages(tmp_path: Path) -> None:
     done = run(NO_LIBRARY, FIGURE, str(tmp_path / "a.mp4"))
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "offscreen OpenGL is missing: apt-get install libegl1 libgl1"
     assert not list(tmp_path.iterdir())
 
 
-def test_importing_binds_no_graphics_and_no_encoder():
+def test_importing_binds_no_graphics_and_no_encoder() -> None:
     done = run(
         "import sys, mjmotion.output.video\n"
         "print([m for m in ('OpenGL', 'imageio', 'imageio_ffmpeg', 'PIL', 'matplotlib', 'scipy')"
@@ -529,7 +544,9 @@ def test_importing_binds_no_graphics_and_no_encoder():
 @pytest.mark.parametrize(
     ("value", "message"), [("off", "switches rendering off"), ("vulkan", "is no backend")]
 )
-def test_the_users_choice_of_backend_is_honoured(monkeypatch, value, message):
+def test_the_users_choice_of_backend_is_honoured(
+    monkeypatch: pytest.MonkeyPatch, value: str, message: str
+) -> None:
     monkeypatch.setenv("MUJOCO_GL", value)
     with pytest.raises(exceptions.RenderError, match=message):
         ensure_gl()

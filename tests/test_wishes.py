@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,7 +34,9 @@ def hand_of(motion: Motion) -> np.ndarray:
     return np.array(data.site("left_hand").xpos)
 
 
-def wish(frames: range, shift: float = 0.0, motion: Motion | None = None, **more) -> SiteConstraint:
+def wish(
+    frames: range, shift: float = 0.0, motion: Motion | None = None, **more: Any
+) -> SiteConstraint:
     assert motion is not None
     return SiteConstraint(
         "left_hand", np.array(frames), hand_of(motion) + [shift, 0.0, 0.0], **more
@@ -96,9 +99,9 @@ def test_what_the_fit_measured_is_the_user_s_where_the_user_asked(motion: Motion
     """Places in another site's frame, gazes, and what is free to move: told by name and frame."""
     frames = np.arange(3, 6)
     wishes = [
-        RelativeConstraint("left_hand", frames, "pelvis", (0, 0, 2)),
-        LookAt("face", frames, (0, 0, 9)),
-        SiteConstraint("right_hand", frames, (0, 0, 9), free=("x",)),
+        RelativeConstraint("left_hand", frames, "pelvis", np.array((0, 0, 2))),
+        LookAt("face", frames, np.array((0, 0, 9))),
+        SiteConstraint("right_hand", frames, np.array((0, 0, 9)), free=("x",)),
     ]
     unmet = (
         Unmet("position of left_hand to pelvis", (3, 4, 5), 800.0),
@@ -118,7 +121,7 @@ def test_what_the_fit_measured_is_the_user_s_where_the_user_asked(motion: Motion
 def test_turns_to_another_site_are_measured(motion: Motion, degrees: float) -> None:
     """At rest the hands and the pelvis are all level."""
     turned = exp(np.radians(degrees) * np.array((0.6, 0.0, 0.8)))
-    link = RelativeConstraint("left_hand", np.arange(2, 4), "pelvis", (0, 0, 5), turned)
+    link = RelativeConstraint("left_hand", np.arange(2, 4), "pelvis", np.array((0, 0, 5)), turned)
     missed = unmet_wishes(motion, [link])
     if degrees < 0.5:
         assert missed == ()
@@ -143,6 +146,8 @@ def test_orientations_of_what_is_free_are_measured_but_for_the_yaw_it_took(motio
     apart = exp(np.array(((0, 0, 0), (0, 0, 0.3), (0, 0, 0.0))))
     (one,) = unmet_wishes(motion, [SiteConstraint("left_hand", frames, quat=apart, **away)])
     assert one.residual_deg == pytest.approx(np.degrees(0.2), abs=0.1)
-    fixed = SiteConstraint("left_hand", frames, (5, 5, 5), exp(np.array((0, 0, 1.2))), free=("x",))
+    fixed = SiteConstraint(
+        "left_hand", frames, np.array((5, 5, 5)), exp(np.array((0, 0, 1.2))), free=("x",)
+    )
     (one,) = unmet_wishes(motion, [fixed])
     assert one.residual_deg == pytest.approx(np.degrees(1.2), abs=1e-6)
