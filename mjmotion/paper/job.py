@@ -84,12 +84,12 @@ class Job:
         return qpos
 
     def fit(
-        self, ik: str | IKSolver = "hybrid", levels: Sequence[float] = LEVELS, **more: Any
+        self, ik: str | IKSolver = "hybrid", levels: Sequence[float] = LEVELS, **settings: Any
     ) -> Fit:
-        """Fit the motion (Algorithm 1); ``more`` goes to :func:`mjmotion.fitting.fit`."""
-        settings: dict[str, Any] = {
+        """Fit the motion (Algorithm 1); settings go to :func:`mjmotion.fitting.fit`."""
+        own: dict[str, Any] = {
             "first_guess": self.first_guess,
             "weights": self.weights,
             "bones": self.bones,
         }
-        return fit(self.motion, self.constraints, ik=ik, levels=levels, **{**settings, **more})
+        return fit(self.motion, self.constraints, ik=ik, levels=levels, **{**own, **settings})

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from mjmotion.clips import load_clip
-from mjmotion.footsteps.plan import plan
+from mjmotion.footsteps.plan import Plan, plan
 from mjmotion.paper.job import Job
 from mjmotion.scene import load_scene
 
@@ -17,11 +17,15 @@ def make_job(clip: str = "walk", scene: str = "terrain") -> Job:
     Raises:
       ClipError, SceneError: there is no such clip or scene, or no ground under the walk.
     """
-    what = plan(load_clip(clip), load_scene(scene))
+    return job_of_plan(plan(load_clip(clip), load_scene(scene)))
+
+
+def job_of_plan(walk: Plan) -> Job:
+    """Return the job of what a scene asks of a walk."""
     return Job(
         "walking on rough terrain",
-        what.source,
-        tuple(what.constraints()),
-        first_guess=what.root_shift,
-        contacts=what.contacts,
+        walk.source,
+        tuple(walk.constraints()),
+        first_guess=walk.root_shift,
+        contacts=walk.contacts,
     )
