@@ -34,8 +34,8 @@ lint: $(READY) ## ruff and mypy
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(READY) ## the project's figures beside their targets
-	$(BIN)/python scripts/benchmark.py
+bench: $(READY) ## the project's figures beside their targets, written to docs/results.md
+	$(BIN)/python scripts/benchmark.py --write
 
 scenes: $(READY) ## write the scenes of scenes/ anew
 	$(BIN)/python scripts/make_scenes.py

@@ -1,8 +1,8 @@
 """The project's figures beside their targets; exits 1 where one is missed.
 
-python scripts/benchmark.py --json figures.json
+python scripts/benchmark.py --write                   # and the table of docs/results.md
+python scripts/benchmark.py --json figures.json       # and everything as data
 python scripts/benchmark.py --only quality --clips walk 02_01 --scenes stairs
-python scripts/benchmark.py --readme figures.json     # rewrites the table of README.md
 
 The comparison with mink needs the extra: pip install 'mjmotion[benchmark]'.
 """
@@ -16,17 +16,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import levels, paper, quality, readme, spacetime, speed, startup
-from benchmarks.figures import Figure, machine
-from benchmarks.job import make_job
+import results_page
+from benchmarks import levels, paper, quality, spacetime, speed, startup
+from benchmarks.figures import markdown, print_figures
 
 from mjmotion.exceptions import MotionError
+from mjmotion.paper.figures import Figure
+from mjmotion.paper.terrain import make_job
+from mjmotion.paper.timing import machine
 
-README = Path(__file__).parents[1] / "README.md"
 PARTS = ("quality", "levels", "speed", "paper", "spacetime", "cli")
+PACKAGES = ("mujoco", "numpy", "mink")  # whose versions the page names
 
 
-def say(line: str) -> None:
+def print_line(line: str) -> None:
     print(line, flush=True)
 
 
@@ -35,79 +38,98 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the same as data")
+    parser.add_argument("--write", action="store_true", help="write the table to docs/results.md")
     parser.add_argument("--only", choices=PARTS, help="one part")
     parser.add_argument(
-        "--clips", nargs="+", default=quality.WALKS, help="for quality: names or files"
+        "--clips",
+        nargs="+",
+        help="for quality: names or files; those held back are left out",
     )
     parser.add_argument(
         "--scenes", nargs="+", default=quality.SCENES, help="for quality: names or files"
     )
-    parser.add_argument(
-        "--readme", type=Path, metavar="FILE.json", help="only rewrite README.md's table"
-    )
-    return parser.parse_args(argv)
+    args = parser.parse_args(argv)
+    if args.write and (args.only or args.clips or args.scenes != quality.SCENES):
+        parser.error("--write replaces the whole table: it needs all parts, clips and scenes")
+    return args
 
 
-def measure(args: argparse.Namespace) -> dict[str, Any]:
-    """Run the parts that are asked for and return everything as data."""
-    wanted = PARTS if args.only is None else (args.only,)
-    facts, figures = machine(), []
-    data: dict[str, Any] = {"machine": facts}
-    for name, fact in facts.items():
-        say(f"{name:10} {fact}")
-    if "quality" in wanted:
-        say("\nquality")
-        pairs, skipped = quality.run(args.clips, args.scenes, say)
-        found = quality.summary(pairs) if pairs else []
-        say("\nquality, the worst of all")
-        for figure in found:
-            say(figure.line())
-        figures += found
-        data |= {"pairs": [pair.as_dict() for pair in pairs], "skipped": skipped}
-    if "levels" in wanted or "speed" in wanted:
-        job = make_job()
-        if "levels" in wanted:
-            say("\nlevels of the terrain job: largest error [% of height]")
-            figures += levels.run(job, say)
-        if "speed" in wanted:
-            say("\nspeed")
-            figures += speed.run(job, say)
-    if "paper" in wanted:
-        say("\nthe paper's other results: Table 1, rope, retargeting, joining")
-        figures += paper.run(say)
-    if "spacetime" in wanted:
-        say(
+def measure_quality(
+    clips: Sequence[str] | None, scenes: Sequence[str]
+) -> tuple[list[Figure], dict[str, Any]]:
+    """Measure the walks tuned on and those held back, or given ones: the figures, and all pairs."""
+    print_line("\nquality" if clips else "\nquality: walks that were tuned on")
+    pairs, skipped = quality.run(clips or quality.TUNED, scenes, print_line)
+    figures = quality.summary(pairs) if pairs else []
+    data: dict[str, Any] = {"pairs": [pair.as_dict() for pair in pairs], "skipped": skipped}
+    if not clips:
+        print_line("\nquality: walks held back, of other people")
+        held_back, skipped = quality.run(quality.HELD_BACK, scenes, print_line)
+        if held_back:
+            figures.append(quality.held_back_summary(held_back))
+        data["held_back"] = [pair.as_dict() for pair in held_back]
+        data["skipped"] += skipped
+    print_line("\nquality, the worst of all")
+    return print_figures(figures, print_line), data
+
+
+def measure(
+    parts: Sequence[str], clips: Sequence[str] | None, scenes: Sequence[str]
+) -> tuple[list[Figure], dict[str, Any]]:
+    """Run parts of the benchmark and print their figures.
+
+    Returns:
+      the figures, and what else the data of ``--json`` hold.
+    """
+    figures: list[Figure] = []
+    data: dict[str, Any] = {"machine": machine()}
+    for name, fact in data["machine"].items():
+        print_line(f"{name:10} {fact}")
+    if "quality" in parts:
+        figures, pairs = measure_quality(clips, scenes)
+        data |= pairs
+    if "levels" in parts:
+        print_line("\nlevels of the terrain job: largest error [% of height]")
+        figures += levels.run(make_job(), print_line)
+    if "speed" in parts:
+        print_line("\nspeed")
+        figures += speed.run(make_job(), print_line)
+    if "paper" in parts:
+        print_line("\nthe paper's other results: Table 1, rope, retargeting, joining")
+        figures += paper.run(print_line)
+    if "spacetime" in parts:
+        print_line(
             "\none large optimisation against many small: the terrain job, footholds fixed and free"
         )
-        figures += spacetime.run(spacetime.make_jobs(), say)
-    if "cli" in wanted:
-        say("\nstart")
-        figures += startup.run(say)
-    tell_missed(figures)
-    return {**data, "figures": [figure.as_dict() for figure in figures]}
+        figures += spacetime.run(spacetime.make_jobs(), print_line)
+    if "cli" in parts:
+        print_line("\nstart")
+        figures += startup.run(print_line)
+    return figures, data
 
 
-def tell_missed(figures: Sequence[Figure]) -> None:
+def print_missed(figures: Sequence[Figure]) -> None:
     missed = [figure for figure in figures if figure.ok is False]
-    aimed = [figure for figure in figures if figure.target and figure.ok is not None]
-    say(f"\n{len(aimed) - len(missed)} of {len(aimed)} targets reached")
+    judged = [figure for figure in figures if figure.target and figure.ok is not None]
+    print_line(f"\n{len(judged) - len(missed)} of {len(judged)} targets reached")
     for figure in missed:
-        say(f"MISSED {figure.group}: {figure.name}: {figure.measured}, wanted {figure.target}")
+        print_line(f"MISSED {figure.group}: {figure.miss}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     args = parse(argv)
     try:
-        if args.readme is not None:
-            readme.rewrite(README, args.readme)
-            return 0
-        data = measure(args)
-    except (MotionError, readme.ReadmeError) as error:
+        figures, data = measure([args.only] if args.only else PARTS, args.clips, args.scenes)
+        print_missed(figures)
+        if args.write:
+            results_page.write("benchmark", markdown(figures), data["machine"], PACKAGES)
+    except MotionError as error:
         print(f"benchmark: error: {error}", file=sys.stderr)
         return 2
     if args.json is not None:
+        data["figures"] = [figure.as_dict() for figure in figures]
         args.json.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", "utf-8")
-    return 1 if any(figure["ok"] is False for figure in data["figures"]) else 0
+    return 1 if any(figure.ok is False for figure in figures) else 0
 
 
 if __name__ == "__main__":

@@ -1,32 +1,20 @@
-"""The paper's Table 1 measured here, as `mjmotion table1`, and the README's table made from it.
+"""The paper's Table 1 measured here, as ``mjmotion table1``, and its table on docs/results.md.
 
-python scripts/table1.py --repeats 9 --json table1.json
-python scripts/table1.py --readme table1.json          # rewrites the table of README.md
+python scripts/table1.py --no-ablations --write
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
-from pathlib import Path
+
+import results_page
 
 from mjmotion.cli import table1
-from mjmotion.exceptions import MotionError, OutputError
-from mjmotion.paper.print_table1 import markdown, put_between
-from mjmotion.paper.table1 import Table1
-
-README = Path(__file__).parents[1] / "README.md"
-
-
-def rewrite(page: Path, results: Path) -> None:
-    """Replace what stands between the page's markers by the table of what ``--json`` wrote."""
-    try:
-        content = markdown(Table1.from_dict(json.loads(results.read_text("utf-8"))))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise OutputError(f"'{results}' is not what --json writes: {error}") from error
-    page.write_text(put_between(page.read_text("utf-8"), content), "utf-8")
+from mjmotion.exceptions import MotionError
+from mjmotion.paper.print_table1 import markdown
+from mjmotion.paper.timing import machine
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -34,18 +22,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     table1.arguments(parser)
-    parser.add_argument(
-        "--readme", type=Path, metavar="FILE.json", help="only rewrite README.md's table"
-    )
+    parser.add_argument("--write", action="store_true", help="write the table to docs/results.md")
     args = parser.parse_args(argv)
+    if args.write and set(args.jobs) != set(table1.JOBS):
+        parser.error("--write replaces the whole table: it needs all four jobs")
     try:
-        if args.readme is None:
-            return table1.run(args)
-        rewrite(README, args.readme)
+        table = table1.measure(args)
+        if args.write:
+            results_page.write("table1", markdown(table), machine(), ("mujoco", "numpy"))
     except MotionError as error:
         print(f"table1: error: {error}", file=sys.stderr)
         return 2
-    return 0
+    return 1 if table.missed() else 0
 
 
 if __name__ == "__main__":

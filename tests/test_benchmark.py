@@ -17,27 +17,26 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 
 import benchmark  # noqa: E402
-from benchmarks import figures, job, levels, mink_ik, quality, readme, speed  # noqa: E402
+import results_page  # noqa: E402
+from benchmarks import levels, mink_ik, quality, speed  # noqa: E402
+from benchmarks.figures import markdown  # noqa: E402
 
 from mjmotion.apps.adaptation import adapt  # noqa: E402
 from mjmotion.clips import load_clip  # noqa: E402
+from mjmotion.exceptions import OutputError  # noqa: E402
+from mjmotion.paper.figures import Figure  # noqa: E402
+from mjmotion.paper.job import Job  # noqa: E402
+from mjmotion.paper.jobs import PAPER  # noqa: E402
+from mjmotion.paper.table1 import EXACT  # noqa: E402
+from mjmotion.paper.terrain import make_job  # noqa: E402
+from mjmotion.paper.timing import machine  # noqa: E402
 from mjmotion.scene import Scene, load_scene  # noqa: E402
 from mjmotion.validation import THRESHOLDS, validate  # noqa: E402
 
 
 @pytest.fixture(scope="module")
-def terrain_job() -> job.Job:
-    return job.make_job()
-
-
-@pytest.fixture(scope="module")
-def short_job(terrain_job: job.Job) -> job.Job:
-    frames = np.arange(40)
-    return job.Job(
-        terrain_job.source.replace(terrain_job.source.qpos[frames]),
-        tuple(job._take(constraint, frames) for constraint in terrain_job.constraints),
-        terrain_job.root_shift[frames],
-    )
+def short_job() -> Job:
+    return speed.select_frames(make_job(), np.arange(40))
 
 
 @pytest.fixture
@@ -49,8 +48,8 @@ def no_ground(tmp_path: Path) -> Path:
     return path
 
 
-def figure(value: float, **target: float) -> figures.Figure:
-    return figures.Figure("speed", "some ratio", value, "x", **target)  # type: ignore[arg-type]
+def figure(value: float, **target: float) -> Figure:
+    return Figure("speed", "some ratio", value, "x", **target)  # type: ignore[arg-type]
 
 
 def test_verdicts() -> None:
@@ -62,29 +61,17 @@ def test_verdicts() -> None:
     assert figure(math.inf, most=25).verdict == "MISSED"
     assert figure(3.0).verdict == ""
     assert figure(math.nan, most=25).verdict == "skipped"
-    failed = dataclasses.replace(figure(math.nan, most=25), missed=True)
+    failed = dataclasses.replace(figure(math.nan, most=25), failed=True)
     assert failed.verdict == "MISSED"
 
 
-@pytest.mark.parametrize("value", [3.25, math.nan])
-def test_figures_as_data_come_back(value: float) -> None:
-    kept = figure(value, most=25)
-    data = json.loads(json.dumps(kept.as_dict(), allow_nan=False))
-    again = figures.Figure.from_dict(data)
-    assert again.line() == kept.line()
-    assert again.ok == kept.ok
-
-
-def test_tasks_take_turns() -> None:
-    order: list[str] = []
-    tasks = {name: (lambda name=name: order.append(name)) for name in "ab"}
-    took = figures.interleaved(tasks, 3)  # type: ignore[arg-type]
-    assert order == list("ab") * 4
-    assert set(took) == {"a", "b"}
+def test_figures_are_strict_data() -> None:
+    data = json.loads(json.dumps(figure(math.nan, most=25).as_dict(), allow_nan=False))
+    assert data["value"] is None and data["verdict"] == "skipped"
 
 
 def test_machine_names_no_paths() -> None:
-    facts = figures.machine()
+    facts = machine()
     assert {"processor", "cores", "python", "mujoco"} <= set(facts)
     assert not any(value.startswith("/") or "\\" in value for value in facts.values())
 
@@ -127,7 +114,9 @@ def test_summary_takes_the_worst_and_counts_misses() -> None:
     pairs = [
         quality.Pair("walk", "slope", fine),
         quality.Pair(
-            *("walk", "stairs", bad),
+            "walk",
+            "stairs",
+            bad,
             broken=("stance_drift_mm", quality.CLEARANCE, "root_travel_ratio"),
             worst={"stance_drift_mm": "frame 7, left_toe"},
         ),
@@ -142,6 +131,22 @@ def test_summary_takes_the_worst_and_counts_misses() -> None:
     assert found["sole penetration"].verdict == "ok"
 
 
+def test_what_is_held_back_is_no_target_and_a_row() -> None:
+    assert len(quality.HELD_BACK) == 13 and not set(quality.HELD_BACK) & set(quality.TUNED)
+    people = {name.partition("_")[0] for name in quality.HELD_BACK}
+    assert not people & {name.partition("_")[0] for name in quality.TUNED}
+    fine = dict.fromkeys(THRESHOLDS, 0.0)
+    pairs = [
+        quality.Pair("a", "slope", fine),
+        quality.Pair("b", "slope", fine, broken=("stance_drift_mm",)),
+        quality.Pair("c", "slope", {}, error="SceneError: no way"),
+    ]
+    held_back = quality.held_back_summary(pairs)
+    assert (held_back.measured, held_back.target, held_back.ok) == ("1 of 3", "", None)
+    assert held_back.in_table
+    assert "stance drift: 1 missed" in held_back.note and "no result: 1 missed" in held_back.note
+
+
 def test_recordings_are_skipped_with_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(quality, "MOCAP", ROOT / "nowhere")
     said: list[str] = []
@@ -151,19 +156,11 @@ def test_recordings_are_skipped_with_a_reason(monkeypatch: pytest.MonkeyPatch) -
     assert any("skipped" in line for line in said)
 
 
-def test_the_job_is_the_papers(terrain_job: job.Job) -> None:
-    assert terrain_job.source.nframe == job.NFRAME
-    assert job.size(terrain_job.constraints) == job.NSCALAR
-    assert terrain_job.guess[:, :3] == pytest.approx(
-        terrain_job.source.qpos[:, :3] + terrain_job.root_shift
-    )
-
-
-def test_tiled_copies_join(short_job: job.Job) -> None:
-    many = short_job.tiled(3)
-    count = short_job.source.nframe
-    assert many.source.nframe == 3 * count
-    assert job.size(many.constraints) == 3 * job.size(short_job.constraints)
+def test_tiled_copies_join(short_job: Job) -> None:
+    many = speed.tile(short_job, 3)
+    count = short_job.nframe
+    assert many.nframe == 3 * count
+    assert many.nscalar == 3 * short_job.nscalar
     step = np.abs(np.diff(short_job.guess, axis=0)).max()
     assert np.abs(np.diff(many.guess, axis=0)).max() <= step
     for few, all_of_them in zip(short_job.constraints, many.constraints, strict=True):
@@ -171,27 +168,28 @@ def test_tiled_copies_join(short_job: job.Job) -> None:
         assert np.array_equal(all_of_them.position[count : 2 * count], few.position[::-1])
 
 
-def test_levels_stand_beside_the_papers(short_job: job.Job) -> None:
+def test_levels_stand_beside_the_papers(short_job: Job) -> None:
     said: list[str] = []
     found = levels.run(short_job, said.append)
     assert len(said) == len(found)
-    aimed = [entry.most for entry in found if entry.name.startswith("hybrid: ") and entry.target]
-    assert aimed == [*levels.PAPER, levels.EXACT]
+    hybrid = [entry for entry in found if entry.name.startswith("hybrid: ") and entry.target]
+    assert [entry.most for entry in hybrid] == [*PAPER["terrain"].max_error_percent, EXACT]
+    assert not any(entry.in_table for entry in hybrid if entry.ok)  # Table 1 has them
     trace = short_job.fit("numeric").trace
-    by_name = {entry.name: entry.value for entry in found}
-    assert by_name["numeric: after the exact pass"] == trace.exact_error_percent
-    assert found[0].ok is False  # 40 frames are not the paper's 464
+    by_name = {entry.name: entry for entry in found}
+    exact = by_name["numeric: after the exact pass"]
+    assert exact.value == trace.exact_error_percent and exact.in_table
 
 
-def test_mink_reaches_the_feet(short_job: job.Job) -> None:
+def test_mink_reaches_the_feet(short_job: Job) -> None:
     pytest.importorskip("mink", reason="mink is an extra")
     pytest.importorskip("daqp", reason="daqp is an extra")
     solved = mink_ik.make_solver(short_job)()
     assert solved.unconverged == ()
-    assert solved.steps >= short_job.source.nframe
-    theirs = short_job.source.replace(solved.qpos)
+    assert solved.steps >= short_job.nframe
+    theirs = short_job.motion.replace(solved.qpos)
     assert speed.foot_error(short_job, theirs) < 1000 * mink_ik.CLOSE
-    untouched = speed.foot_error(short_job, short_job.source)
+    untouched = speed.foot_error(short_job, short_job.motion)
     assert untouched > 1000 * mink_ik.CLOSE
 
 
@@ -204,35 +202,60 @@ def test_a_miss_is_exit_code_1(
     assert "MISSED" in capsys.readouterr().out
     data = json.loads(out.read_text("utf-8"))
     assert data["pairs"][0]["ok"] is False
+    assert "held_back" not in data  # clips of one's own are measured alone
 
 
 def test_an_unknown_scene_is_exit_code_2(capsys: pytest.CaptureFixture[str]) -> None:
-    assert benchmark.main(["--only", "quality", "--scenes", "nowhere"]) == 2
+    assert benchmark.main(["--only", "quality", "--clips", "walk", "--scenes", "nowhere"]) == 2
     assert "nowhere" in capsys.readouterr().err
 
 
-def test_the_readme_gets_its_table(tmp_path: Path) -> None:
-    results, page = tmp_path / "figures.json", tmp_path / "README.md"
-    found = [figure(31.0, most=25), figure(12.0, least=10), figure(5.0)]
-    data = {"machine": figures.machine(), "figures": [entry.as_dict() for entry in found]}
-    results.write_text(json.dumps(data), "utf-8")
-    page.write_text(f"before\n{readme.BEGIN}old{readme.END}\nafter\n", "utf-8")
-    readme.rewrite(page, results)
+def test_a_part_does_not_replace_the_whole_table(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        benchmark.main(["--only", "cli", "--write"])
+    assert "needs all parts" in capsys.readouterr().err
+
+
+def test_the_page_gets_its_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = tmp_path / "results.md"
+    page.write_text("before\n<!-- benchmark -->old<!-- /benchmark -->\nafter\n", "utf-8")
+    monkeypatch.setattr(results_page, "PAGE", page)
+    exact = dataclasses.replace(figure(0.0, most=0.01), name="exact", listed=False)
+    broken = dataclasses.replace(exact, name="not exact", value=1.0)
+    found = [figure(31.0, most=25), figure(12.0, least=10), figure(5.0), exact, broken]
+    results_page.write("benchmark", markdown(found), machine(), ("mujoco",))
     once = page.read_text("utf-8")
     assert once.startswith("before\n") and once.endswith("\nafter\n")
-    assert "old" not in once.partition(readme.BEGIN)[2]
+    assert "old" not in once and "mujoco" in once
     assert "| some ratio | 31 x | ≤ 25 | **MISSED** |" in once
     assert "| some ratio | 12 x | ≥ 10 | ok |" in once
     assert once.count("some ratio") == 2  # a figure without a target is not shown
-    readme.rewrite(page, results)
+    assert "| exact |" not in once  # nor one that holds by construction,
+    assert "| not exact |" in once  # unless it does not
+    results_page.write("benchmark", markdown(found), machine(), ("mujoco",))
     assert page.read_text("utf-8") == once
 
 
-@pytest.mark.parametrize("text", ["no markers", f"{readme.END} {readme.BEGIN}"])
-def test_a_readme_without_markers_is_left_alone(tmp_path: Path, text: str) -> None:
-    results, page = tmp_path / "figures.json", tmp_path / "README.md"
-    results.write_text(json.dumps({"machine": figures.machine(), "figures": []}), "utf-8")
+@pytest.mark.parametrize("text", ["no markers", "<!-- /benchmark --> <!-- benchmark -->"])
+def test_a_page_without_markers_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    page = tmp_path / "results.md"
     page.write_text(text, "utf-8")
-    with pytest.raises(readme.ReadmeError, match="no place for the table"):
-        readme.rewrite(page, results)
+    monkeypatch.setattr(results_page, "PAGE", page)
+    with pytest.raises(OutputError, match="no place for the table"):
+        results_page.write("benchmark", "table", machine(), ("mujoco",))
     assert page.read_text("utf-8") == text
+
+
+def test_the_results_are_complete() -> None:
+    """What stands in docs/results.md was written by both scripts, all rows once."""
+    text = results_page.PAGE.read_text("utf-8")
+    for mark, row in (
+        ("benchmark", "held back: pairs that reach every figure"),
+        ("table1", "exact pass: error [%]"),
+    ):
+        table = text.partition(f"<!-- {mark} -->")[2].partition(f"<!-- /{mark} -->")[0]
+        assert f"| {row} |" in table and "Measured on: " in table
+        labels = [line.split("|")[1] for line in table.splitlines() if line.startswith("| ")]
+        assert len(labels) == len(set(labels))

@@ -36,8 +36,8 @@ from mjmotion.paper.spacetime.rotating import (
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from benchmarks import job as benchmark_job  # noqa: E402
 from benchmarks import spacetime as benchmark  # noqa: E402
+from benchmarks.speed import select_frames  # noqa: E402
 
 RNG = np.random.default_rng(7)
 UP = np.array((0.0, 0.0, 1.0))
@@ -430,13 +430,7 @@ def test_the_benchmark_tells_what_was_found() -> None:
 
 def _first(job: benchmark.FreeJob, count: int) -> benchmark.FreeJob:
     """The first frames of a job."""
-    frames = np.arange(count)
-    whole = job.job
-    short = benchmark_job.Job(
-        whole.source.replace(whole.source.qpos[frames]),
-        tuple(benchmark_job._take(constraint, frames) for constraint in whole.constraints),
-        whole.root_shift[frames],
-    )
+    short = select_frames(job.job, np.arange(count))
     moves = []
     for move in job.moves:
         kept = move.frames < count

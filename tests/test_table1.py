@@ -15,29 +15,29 @@ from made_up import loop_sites, pin, some, walk
 from mjmotion.body.kinematics import character_height
 from mjmotion.cli.main import COMMANDS
 from mjmotion.constraints import SiteConstraint
-from mjmotion.exceptions import FitError, OutputError
+from mjmotion.exceptions import FitError
 from mjmotion.footsteps.contacts import detect_contacts
 from mjmotion.numerics.bspline import basis_matrix, fit_level
 from mjmotion.paper import table1
 from mjmotion.paper.ablations import (
     COMPARISONS,
-    WAYS,
+    METHODS,
+    Ablation,
     Measure,
-    Way,
     compare,
     first_guess,
     interpolating,
     local_levels,
     multilevel,
+    natural_spline,
     normal_equations,
     pseudo_inverse,
-    through_all,
 )
 from mjmotion.paper.job import Job
 from mjmotion.paper.jobs import PAPER
-from mjmotion.paper.print_table1 import BEGIN, END, lines, markdown, put_between
+from mjmotion.paper.print_table1 import lines, markdown
 from mjmotion.paper.table1 import Table1, drift_mm, make_job
-from mjmotion.paper.timing import interleaved, take_turns
+from mjmotion.paper.timing import median_seconds, run_in_turns
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
@@ -82,7 +82,7 @@ def job() -> Job:
 @pytest.fixture(scope="module")
 def found(job: Job) -> Table1:
     jobs = {"terrain": job, "rope": posed()}
-    return table1.run(["terrain", "rope"], 2, ways=False, make=jobs.__getitem__)
+    return table1.run(["terrain", "rope"], 2, ablations=False, make=jobs.__getitem__)
 
 
 # What the paper prints
@@ -138,8 +138,8 @@ def test_solvers_are_compared_on_every_job(found: Table1) -> None:
 
 def test_what_is_missed_is_told(found: Table1) -> None:
     told = "\n".join(found.missed())
-    assert "terrain: nframe is 61, the paper's 464" in told
-    assert "rope: ndof is 20, the paper's 37" in told
+    assert "terrain: frames: 61, wanted 464" in told
+    assert "rope: parameters: 20, wanted 37" in told
     assert "drift" not in told
     bad = dataclasses.replace(
         found.columns["terrain"], drift_mm=3.0, jerk_ratio=1.5, exact_error_percent=0.2
@@ -152,14 +152,23 @@ def test_what_is_missed_is_told(found: Table1) -> None:
     worse = dataclasses.replace(found, columns={"terrain": bad}, solvers=tuple(slow))
     told = "\n".join(worse.missed())
     for words in (
-        "level 1 is 20.00 % > 14.31",
-        "drift is 3 mm > 1",
-        "jerk ratio is 1.5 > 1.3",
-        "exact pass is 0.2 % > 0.01",
-        "rope: hybrid IK is 1.5 times faster",
+        "level 1: 20 %, wanted ≤ 14.31",
+        "drift of contacts: 3 mm, wanted ≤ 1",
+        "joint jerk over source, RMS: 1.5, wanted ≤ 1.3",
+        "exact pass: 0.2 %, wanted ≤ 0.01",
+        "rope: time of numeric over hybrid IK: 1.5 x, wanted ≥ 2",
     ):
         assert words in told, words
     assert "level 2" not in told
+
+
+def test_what_holds_by_construction_is_checked_and_no_row(found: Table1) -> None:
+    figures = {figure.name: figure for figure in found.figures()}
+    exact = figures["terrain: error after the exact pass"]
+    assert exact.ok and not exact.in_table
+    assert figures["terrain: frames"].in_table  # it is missed here: a miss is never hidden
+    assert figures["terrain: drift of contacts"].in_table
+    assert not figures["rope: drift of contacts"].in_table
 
 
 def test_drift_is_that_of_the_contacts(job: Job) -> None:
@@ -198,34 +207,35 @@ def test_lines_show_both_sides(found: Table1) -> None:
     assert all(len(line) <= 120 for line in lines(found))
 
 
-def test_markdown_is_a_table_that_goes_between_markers(found: Table1) -> None:
+def test_markdown_is_a_table(found: Table1) -> None:
     table = markdown(found).splitlines()
     assert len(table) == 2 + 4 + 2 * 4 + 2
     assert {line.count("|") for line in table} == {4}
     assert table[2] == "| parameters (reduced) | 20 (8) | 20 (8) / 37 (13) |"
     assert table[6].endswith(" / 11.09 |") and " / 14.31 |" in table[6]
     assert " / 2500 |" in table[7]
-    page = put_between(f"before\n{BEGIN}\nold\n{END}\nafter {BEGIN}", "new")
-    assert page == f"before\n{BEGIN}\nnew\n{END}\nafter {BEGIN}"
-    for bad in ("", BEGIN, f"{END}{BEGIN}"):
-        with pytest.raises(OutputError, match="place"):
-            put_between(bad, "new")
 
 
-def test_data_come_back(found: Table1, tmp_path: Path) -> None:
-    path = tmp_path / "table1.json"
-    path.write_text(json.dumps(found.as_dict(), allow_nan=False), "utf-8")
-    data = json.loads(path.read_text("utf-8"))
-    assert Table1.from_dict(data) == found
+def test_all_is_there_as_data(found: Table1) -> None:
+    data = json.loads(json.dumps(found.as_dict(), allow_nan=False))
     assert data["table1"]["rope"]["paper"]["nscalar"] == 5898
     assert data["machine"]["cores"] and data["missed"]
-    page = tmp_path / "page.md"
-    page.write_text(f"a\n{BEGIN}{END}\nb", "utf-8")
-    script.rewrite(page, path)
+
+
+def test_the_script_writes_the_table_into_the_page(
+    found: Table1, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    page = tmp_path / "results.md"
+    page.write_text("a\n<!-- table1 --><!-- /table1 -->\nb", "utf-8")
+    monkeypatch.setattr(script.results_page, "PAGE", page)
+    monkeypatch.setattr(table1, "run", lambda *args, **settings: found)
+    assert script.main(["--write", "--no-ablations"]) == 1  # made-up jobs miss the paper's counts
     assert markdown(found) in page.read_text("utf-8")
-    path.write_text("[]", "utf-8")
-    with pytest.raises(OutputError, match="table1"):
-        script.rewrite(page, path)
+    before = page.read_text("utf-8")
+    with pytest.raises(SystemExit):
+        script.main(["--write", "--jobs", "rope"])  # a table of one job would replace all four
+    assert "all four jobs" in capsys.readouterr().err
+    assert page.read_text("utf-8") == before
 
 
 # Curves in place of Eq. 2
@@ -233,14 +243,14 @@ def test_data_come_back(found: Table1, tmp_path: Path) -> None:
 
 def test_a_spline_through_all_data() -> None:
     frames, data = np.array([3, 5, 6, 11]), np.array([[1.0], [-2.0], [0.5], [4.0]])
-    values = through_all(frames, data, 15, 4.0)
+    values = natural_spline(frames, data, 15, 4.0)
     np.testing.assert_allclose(values[frames], data, atol=1e-12)
     assert (values[:3] == values[3]).all() and (values[12:] == values[11]).all()
     third = np.diff(
-        through_all(np.arange(0, 20, 2), np.arange(0, 20.0, 2)[:, None], 20, 1.0), n=2, axis=0
+        natural_spline(np.arange(0, 20, 2), np.arange(0, 20.0, 2)[:, None], 20, 1.0), n=2, axis=0
     )
     assert np.abs(third[:-2]).max() < 1e-12  # a straight line stays one
-    assert (through_all(np.array([4]), np.array([[2.0, 3.0]]), 6, 1.0) == (2.0, 3.0)).all()
+    assert (natural_spline(np.array([4]), np.array([[2.0, 3.0]]), 6, 1.0) == (2.0, 3.0)).all()
 
 
 @pytest.mark.parametrize("spacing", [2.0, 5.0, 16.0])
@@ -283,23 +293,25 @@ def test_global_fits_overshoot_beside_gaps_and_eq_2_does_not() -> None:
     assert over["pseudo_inverse"] > 2.0 * over["fit_level"], over
 
 
-# The ways on a job
+# The methods on a job
 
 
 @pytest.fixture(scope="module")
-def ways(job: Job) -> dict[tuple[str, str], Way]:
-    return {(way.comparison, way.name): way for way in compare(job, 1)}
+def ablations(job: Job) -> dict[tuple[str, str], Ablation]:
+    return {(one.comparison, one.name): one for one in compare(job, 1)}
 
 
-def test_every_way_is_run_and_measured(job: Job, ways: dict[tuple[str, str], Way]) -> None:
-    assert list(ways) == [(c, name) for c in COMPARISONS for name in WAYS[c]]
-    for way in ways.values():
-        assert way.job == job.name and way.seconds > 0.0
-        assert np.isfinite(dataclasses.astuple(way)[3:]).all(), way
-    exact = [way for (c, n), way in ways.items() if c in ("curve", "optimisation")]
-    assert max(way.max_error_percent for way in exact) < 0.05
-    assert ways["optimisation", "many small"].deviation == pytest.approx(
-        ways["curve", "multilevel B-splines, exact pass"].deviation
+def test_every_method_is_run_and_measured(
+    job: Job, ablations: dict[tuple[str, str], Ablation]
+) -> None:
+    assert list(ablations) == [(c, name) for c in COMPARISONS for name in METHODS[c]]
+    for one in ablations.values():
+        assert one.job == job.name and one.seconds > 0.0
+        assert np.isfinite(dataclasses.astuple(one)[3:]).all(), one
+    exact = [one for (c, _), one in ablations.items() if c in ("curve", "optimisation")]
+    assert max(one.max_error_percent for one in exact) < 0.05
+    assert ablations["optimisation", "many small"].deviation == pytest.approx(
+        ablations["curve", "multilevel B-splines, exact pass"].deviation
     )
 
 
@@ -321,27 +333,29 @@ def test_overshoot_counts_what_is_beyond_the_data_near_by(job: Job) -> None:
     over = measure.overshoot(guess.replace(qpos))
     column = list(measure.joints).index(int(model.jnt_dofadr[elbow.id]))
     assert over[30, column] == pytest.approx(0.3) and (over > 0).sum() == 1
-    way = measure("curve", "made up", 1.0, guess.replace(qpos))
-    assert way.overshoot_deg == pytest.approx(np.degrees(0.3))
-    assert way.jerk_ratio > 1.5
+    ablation = measure("curve", "made up", 1.0, guess.replace(qpos))
+    assert ablation.overshoot_deg == pytest.approx(np.degrees(0.3))
+    assert ablation.jerk_ratio > 1.5
 
 
-def test_the_error_of_a_way_is_the_farthest_site(job: Job) -> None:
+def test_the_error_of_a_method_is_the_farthest_site(job: Job) -> None:
     motion = job.motion.replace(first_guess(job))
     worst = 0.0
     sites = loop_sites(motion.model, motion.qpos)
     for one in job.constraints:
         gap = sites[one.frames, motion.model.site(one.site).id] - one.position
         worst = max(worst, np.linalg.norm(gap, axis=1).max())
-    way = Measure(job)("curve", "nothing", 1.0, motion)
-    assert way.max_error_percent == pytest.approx(100 * worst / character_height(motion.model))
-    assert way.deviation == 0.0
+    ablation = Measure(job)("curve", "nothing", 1.0, motion)
+    percent = 100 * worst / character_height(motion.model)
+    assert ablation.max_error_percent == pytest.approx(percent)
+    assert ablation.deviation == 0.0
 
 
 def test_interpolation_meets_every_frame_and_levels_do_not(job: Job) -> None:
     measure = Measure(job)
     through, levels = (
-        measure("curve", way.__name__, 1.0, way(job)) for way in (interpolating, local_levels)
+        measure("curve", method.__name__, 1.0, method(job))
+        for method in (interpolating, local_levels)
     )
     assert through.max_error_percent < 1e-3 < levels.max_error_percent < 2.0
 
@@ -359,7 +373,8 @@ def test_a_job_of_all_frames_has_smoother_levels_than_interpolation() -> None:
     job = dataclasses.replace(job, constraints=noisy)
     measure = Measure(job)
     through, levels = (
-        measure("curve", way.__name__, 1.0, way(job)) for way in (interpolating, local_levels)
+        measure("curve", method.__name__, 1.0, method(job))
+        for method in (interpolating, local_levels)
     )
     assert levels.jerk_ratio < 0.8 * through.jerk_ratio
     whole = measure("curve", "exact", 1.0, multilevel(job))
@@ -372,11 +387,11 @@ def test_a_job_of_all_frames_has_smoother_levels_than_interpolation() -> None:
 def test_tasks_take_turns() -> None:
     order: list[str] = []
     tasks = {name: lambda name=name: order.append(name) or len(order) for name in ("a", "b")}
-    runs = take_turns(tasks, 2)
+    runs = run_in_turns(tasks, 2)
     assert order == ["a", "b", "a", "b", "a", "b"]  # the first two do not count
     assert [result for _, result in runs["b"]] == [4, 6]
-    assert take_turns(tasks, 1, warm=False)["a"][0][1] == 7
-    assert interleaved(tasks, 3).keys() == {"a", "b"}
+    assert run_in_turns(tasks, 1, warm=False)["a"][0][1] == 7
+    assert median_seconds(tasks, 3).keys() == {"a", "b"}
 
 
 # The command
@@ -394,7 +409,7 @@ def run(*words: object) -> subprocess.CompletedProcess[str]:
 def test_the_command_runs_a_job_of_the_paper(tmp_path: Path) -> None:
     assert "table1" in COMMANDS
     out = tmp_path / "table1.json"
-    words = ("--jobs", "transition", "--repeats", 1, "--no-ways", "--json", out)
+    words = ("--jobs", "transition", "--repeats", 1, "--no-ablations", "--json", out)
     done = run(*words)
     assert done.returncode == 0, done.stderr
     assert "119" in done.stdout and "20 (8)" in done.stdout

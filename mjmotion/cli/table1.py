@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mjmotion.cli.arguments import count
+
+if TYPE_CHECKING:
+    from mjmotion.paper.table1 import Table1
 
 HELP = "run the paper's four jobs and print its Table 1 beside ours"
 EXAMPLE = "mjmotion table1 --repeats 5 --json table1.json"
@@ -21,13 +25,20 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--jobs", nargs="+", choices=JOBS, default=JOBS, help="which: all four")
     parser.add_argument(
-        "--no-ways", action="store_true", help="without the ways of §7, which take the longest"
+        "--no-ablations",
+        action="store_true",
+        help="without the comparisons of §7, which take the longest",
     )
     parser.add_argument("--force", action="store_true", help="replace an existing --json")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the jobs and print the tables; exit 1 where a figure of the paper is not reached."""
+    return 1 if measure(args).missed() else 0
+
+
+def measure(args: argparse.Namespace) -> Table1:
+    """Run the jobs, print the tables and what is not reached, and write the data if asked to."""
     import json
 
     from mjmotion.cli.terminal import Bar, say, warn
@@ -39,12 +50,11 @@ def run(args: argparse.Namespace) -> int:
         check_file(args.json, args.force)
     names = list(dict.fromkeys(args.jobs))
     with Bar() as bar:
-        found = table1.run(names, args.repeats, ways=not args.no_ways, progress=bar.stage)
-    say(*lines(found))
+        table = table1.run(names, args.repeats, ablations=not args.no_ablations, progress=bar.stage)
+    say(*lines(table))
     if args.json:
-        args.json.write_text(json.dumps(found.as_dict(), indent=1, allow_nan=False) + "\n", "utf-8")
+        args.json.write_text(json.dumps(table.as_dict(), indent=1, allow_nan=False) + "\n", "utf-8")
         say("", f"data    {args.json}")
-    missed = found.missed()
-    for line in missed:
-        warn(f"not reached: {line}")
-    return 1 if missed else 0
+    for miss in table.missed():
+        warn(f"not reached: {miss}")
+    return table

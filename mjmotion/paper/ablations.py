@@ -1,7 +1,7 @@
-"""The three ways of §7, each beside the paper's own, on the same job.
+"""Three ablations of §7: what the paper argues against, beside its own method, on the same job.
 
-    for way in compare(make_job()):
-        way.comparison, way.name, way.seconds, way.max_error_percent, way.jerk_ratio
+    for ablation in compare(make_job()):
+        ablation.comparison, ablation.name, ablation.seconds, ablation.max_error_percent
 
 1. An *interpolating spline* goes through the displacement of every constrained frame; multilevel
    B-splines approximate them, coarse to fine, and the exact pass (§4.4) meets what is left.
@@ -28,16 +28,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import Targets, lay_out
+<<<<<<< HEAD
 from mjmotion.constraints.unmet import residuals
 from mjmotion.fitting import contact_shift
 from mjmotion.ik.hybrid import HybridIK, HybridProblem
 from mjmotion.ik.solver import Clearance, Deviation, Solution
 from mjmotion.numerics.bspline import Curve, basis_matrix, fit_level
+=======
+from mjmotion.fitting import contact_shift, residuals
+from mjmotion.ik.hybrid import HybridIK
+from mjmotion.ik.solver import Clearance, Solution
+from mjmotion.numerics.bspline import basis_matrix, fit_level
+>>>>>>> h-scripts
 from mjmotion.numerics.tangent import ominus, oplus
 from mjmotion.paper.job import LEVELS, Job
 from mjmotion.paper.spacetime import objective, solve_spacetime
-from mjmotion.paper.timing import take_turns
-from mjmotion.validation.figures import jerk_dofs, joint_jerk, ratio
+from mjmotion.paper.timing import run_in_turns
+from mjmotion.validation.figures import jerk_dofs, joint_jerk_ratio
 
 Array = NDArray[np.float64]
 
@@ -49,13 +56,13 @@ _RIDGE = 1e-12  # what keeps normal equations solvable where no data touches a c
 
 
 @dataclasses.dataclass(frozen=True)
-class Way:
-    """What one way came to.
+class Ablation:
+    """What one method of a comparison came to.
 
     Attributes:
       job: the job's name.
       comparison: one of :data:`COMPARISONS`.
-      name: the way; the paper's own comes first in its comparison.
+      name: of the method; the paper's own comes first in its comparison.
       seconds: median time of the whole fit [s].
       max_error_percent: largest position error [% of the character's height].
       overshoot_deg: furthest that a joint's displacement goes beyond the data [degrees].
@@ -75,8 +82,8 @@ class Way:
 
 def compare(
     job: Job, repeats: int = 5, comparisons: tuple[str, ...] = COMPARISONS
-) -> tuple[Way, ...]:
-    """Run a job in every way and measure them.
+) -> tuple[Ablation, ...]:
+    """Run a job with every method and measure the results.
 
     Args:
       job: the job.
@@ -84,23 +91,19 @@ def compare(
       comparisons: which of :data:`COMPARISONS`.
     """
     measure = Measure(job)
-    found = []
+    ablations = []
     for comparison in comparisons:
-        ways = WAYS[comparison]
-        tasks = {name: partial(way, job) for name, way in ways.items() if way is not one_large}
-        runs = take_turns(tasks, repeats)
-        runs |= {
-            name: take_turns({name: partial(way, job)}, 1, warm=False)[name]
-            for name, way in ways.items()
-            if way is one_large
-        }
-        for name in ways:
-            took = statistics.median(seconds for seconds, _ in runs[name])
-            found.append(measure(comparison, name, took, runs[name][-1][1]))
-    return tuple(found)
+        methods = METHODS[comparison]
+        quick = {name: partial(run, job) for name, run in methods.items() if run is not spacetime}
+        slow = {name: partial(run, job) for name, run in methods.items() if run is spacetime}
+        runs = run_in_turns(quick, repeats) | run_in_turns(slow, 1, warm=False)
+        for name in methods:
+            seconds = statistics.median(duration for duration, _ in runs[name])
+            ablations.append(measure(comparison, name, seconds, runs[name][-1][1]))
+    return tuple(ablations)
 
 
-# The ways themselves: each takes a job and returns the fitted motion
+# The methods: each takes a job and returns the fitted motion
 
 
 def multilevel(job: Job) -> Motion:
@@ -113,32 +116,27 @@ def interpolating(job: Job) -> Motion:
     solver = Converged(job.motion.character, job.rigidity, bones=job.bones)
     # The same first guess: of itself the fit would smooth it by its own levels.
     shift = first_guess(job)[:, :3] - job.motion.qpos[:, :3]
-    fitted = job.fit(solver, levels=(1.0,), exact=False, curve=through_all, first_guess=shift)
-    return fitted.motion
-
-
-def levels_of(job: Job, curve: Curve) -> Motion:
-    """Fit the levels with a curve of one's own, without the exact pass."""
-    return job.fit(exact=False, curve=curve).motion
+    fit = job.fit(solver, levels=(1.0,), exact=False, curve=natural_spline, first_guess=shift)
+    return fit.motion
 
 
 def local_levels(job: Job) -> Motion:
-    """Fit the levels by Eq. 2."""
-    return levels_of(job, fit_level)
+    """Fit the levels by Eq. 2, without the exact pass."""
+    return job.fit(exact=False, curve=fit_level).motion
 
 
 def global_levels(job: Job) -> Motion:
-    """Fit the levels by the pseudo inverse of the whole."""
-    return levels_of(job, pseudo_inverse)
+    """Fit the levels by the pseudo inverse of the whole, without the exact pass."""
+    return job.fit(exact=False, curve=pseudo_inverse).motion
 
 
 def banded_levels(job: Job) -> Motion:
-    """Fit the levels by global least squares through banded normal equations."""
-    return levels_of(job, normal_equations)
+    """Fit the levels by banded global least squares, without the exact pass."""
+    return job.fit(exact=False, curve=normal_equations).motion
 
 
-def one_large(job: Job) -> Motion:
-    """Fit all frames at once (Gleicher's way), then the exact pass."""
+def spacetime(job: Job) -> Motion:
+    """Fit all frames by one large optimisation, as Gleicher does, then the exact pass."""
     return solve_spacetime(
         job.motion,
         job.constraints,
@@ -148,7 +146,7 @@ def one_large(job: Job) -> Motion:
     ).motion
 
 
-WAYS: Mapping[str, Mapping[str, Callable[[Job], Motion]]] = {
+METHODS: Mapping[str, Mapping[str, Callable[[Job], Motion]]] = {
     "curve": {
         "multilevel B-splines, exact pass": multilevel,
         "interpolating spline": interpolating,
@@ -160,7 +158,7 @@ WAYS: Mapping[str, Mapping[str, Callable[[Job], Motion]]] = {
     },
     "optimisation": {
         "many small": multilevel,
-        "one large": one_large,
+        "one large": spacetime,
     },
 }
 
@@ -168,8 +166,13 @@ WAYS: Mapping[str, Mapping[str, Callable[[Job], Motion]]] = {
 # Curves that fill a level in place of Eq. 2; frames_per_knot and passes mean nothing to some
 
 
+<<<<<<< HEAD
 def through_all(
     frames: ArrayLike, data: Array, nframe: int, frames_per_knot: float, *, passes: int = 1
+=======
+def natural_spline(
+    frames: ArrayLike, data: Array, nframe: int, spacing: float, *, passes: int = 1
+>>>>>>> h-scripts
 ) -> Array:
     """Return the natural cubic spline through all data, level before the first and after the last.
 
@@ -185,11 +188,11 @@ def through_all(
     """
     from scipy.interpolate import CubicSpline
 
-    at = np.asarray(frames, dtype=np.float64)
-    if len(at) < 2:
+    knots = np.asarray(frames, dtype=np.float64)
+    if len(knots) < 2:
         return np.broadcast_to(data.sum(axis=0), (nframe, data.shape[1])).copy()
-    inside = np.clip(np.arange(nframe), at[0], at[-1])
-    return np.asarray(CubicSpline(at, data, bc_type="natural")(inside))
+    clipped = np.clip(np.arange(nframe), knots[0], knots[-1])
+    return np.asarray(CubicSpline(knots, data, bc_type="natural")(clipped))
 
 
 def pseudo_inverse(
@@ -209,10 +212,17 @@ def pseudo_inverse(
     """
     from scipy.linalg import lstsq
 
+<<<<<<< HEAD
     there = basis_matrix(frames, nframe, frames_per_knot).toarray()
     # Complete orthogonal factorisation: the same solution as by singular values, sooner.
     control = lstsq(there, data, lapack_driver="gelsy", check_finite=False)[0]
     return np.asarray(basis_matrix(np.arange(nframe), nframe, frames_per_knot) @ control)
+=======
+    basis = basis_matrix(frames, nframe, spacing).toarray()
+    # Complete orthogonal factorisation: the same solution as by singular values, sooner.
+    control = lstsq(basis, data, lapack_driver="gelsy", check_finite=False)[0]
+    return np.asarray(basis_matrix(np.arange(nframe), nframe, spacing) @ control)
+>>>>>>> h-scripts
 
 
 def normal_equations(
@@ -225,6 +235,7 @@ def normal_equations(
     """
     from scipy.linalg import solveh_banded
 
+<<<<<<< HEAD
     there = basis_matrix(frames, nframe, frames_per_knot)
     normal = there.T @ there
     band = np.zeros((4, there.shape[1]))
@@ -233,6 +244,16 @@ def normal_equations(
     band[3] += _RIDGE * band[3].max()
     control = solveh_banded(band, there.T @ data, check_finite=False)
     return np.asarray(basis_matrix(np.arange(nframe), nframe, frames_per_knot) @ control)
+=======
+    basis = basis_matrix(frames, nframe, spacing)
+    normal = basis.T @ basis
+    band = np.zeros((4, basis.shape[1]))
+    for offset in range(4):
+        band[3 - offset, offset:] = normal.diagonal(offset)
+    band[3] += _RIDGE * band[3].max()
+    control = solveh_banded(band, basis.T @ data, check_finite=False)
+    return np.asarray(basis_matrix(np.arange(nframe), nframe, spacing) @ control)
+>>>>>>> h-scripts
 
 
 class Converged(HybridIK):
@@ -262,7 +283,7 @@ class ConvergedProblem(HybridProblem):
 
 
 class Measure:
-    """Measures the ways of one job by the same standard."""
+    """Measures the motions that several methods make of one job."""
 
     def __init__(self, job: Job) -> None:
         self.job, self.model = job, job.motion.model
@@ -270,12 +291,12 @@ class Measure:
         self.guess = first_guess(job)
         self.joints = jerk_dofs(self.model)
         self.low, self.high = self._range()
-        self._source = _rms(joint_jerk(job.source or job.motion))
 
-    def __call__(self, comparison: str, name: str, seconds: float, motion: Motion) -> Way:
-        """Return the figures of a way's motion, which took so long."""
+    def __call__(self, comparison: str, name: str, seconds: float, motion: Motion) -> Ablation:
+        """Return the figures of a method's motion, whose fit took so long [s]."""
         job = self.job
         error = float(residuals(motion, self.targets, job.bones).max(initial=0.0))
+<<<<<<< HEAD
         return Way(
             job.name,
             comparison,
@@ -285,6 +306,17 @@ class Measure:
             float(np.degrees(self.overshoot(motion).max(initial=0.0))),
             ratio(_rms(joint_jerk(motion)), self._source),
             objective(motion, self.guess, job.rigidity),
+=======
+        return Ablation(
+            job=job.name,
+            comparison=comparison,
+            name=name,
+            seconds=seconds,
+            max_error_percent=100.0 * error / character_height(self.model),
+            overshoot_deg=float(np.degrees(self.overshoot(motion).max(initial=0.0))),
+            jerk_ratio=joint_jerk_ratio(motion, [job.source or job.motion]),
+            deviation=objective(motion, self.guess, job.weights),
+>>>>>>> h-scripts
         )
 
     def overshoot(self, motion: Motion) -> Array:
@@ -313,7 +345,3 @@ def first_guess(job: Job) -> Array:
         targets = lay_out(job.constraints, job.motion.model, job.nframe)
         qpos[:, :3] += contact_shift(job.motion, targets, LEVELS, job.bones)
     return qpos
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))

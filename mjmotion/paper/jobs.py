@@ -34,28 +34,52 @@ class Column:
     max_error_percent: tuple[float, ...]
 
 
-_KNOTS = (16.0, 8.0, 4.0, 2.0)
+_FRAMES_PER_KNOT = (16.0, 8.0, 4.0, 2.0)
 
 PAPER: dict[str, Column] = {
     "terrain": Column(
-        *("walking on rough terrain", 20, 8, 464, 5568, 0.17, _KNOTS),
+        name="walking on rough terrain",
+        ndof=20,
+        nreduced=8,
+        nframe=464,
+        nscalar=5568,
+        preprocessing_seconds=0.17,
+        frames_per_knot=_FRAMES_PER_KNOT,
         seconds=(2.50, 1.67, 1.31, 1.10),
         max_error_percent=(14.31, 9.24, 3.48, 1.06),
     ),
     "rope": Column(
-        *("climbing a rope", 37, 13, 275, 5898, 0.21, _KNOTS),
+        name="climbing a rope",
+        ndof=37,
+        nreduced=13,
+        nframe=275,
+        nscalar=5898,
+        preprocessing_seconds=0.21,
+        frames_per_knot=_FRAMES_PER_KNOT,
         seconds=(6.50, 3.51, 1.32, 0.70),
         max_error_percent=(11.09, 7.51, 3.57, 1.11),
     ),
     "morph": Column(
-        *("character morphing", 20, 8, 62, 420, 0.02, _KNOTS),
+        name="character morphing",
+        ndof=20,
+        nreduced=8,
+        nframe=62,
+        nscalar=420,
+        preprocessing_seconds=0.02,
+        frames_per_knot=_FRAMES_PER_KNOT,
         seconds=(0.18, 0.13, 0.09, 0.06),
         max_error_percent=(6.98, 5.35, 3.08, 1.10),
     ),
     "transition": Column(
-        *("transition", 20, 8, 119, 834, None, _KNOTS),
+        name="transition",
+        ndof=20,
+        nreduced=8,
+        nframe=119,
+        nscalar=834,
+        preprocessing_seconds=None,
+        frames_per_knot=_FRAMES_PER_KNOT,
         seconds=(0.18, 0.15, 0.15, 0.14),
         max_error_percent=(7.17, 4.71, 2.14, 0.74),
     ),
 }
-"""The columns by the names of the examples."""
+"""The columns by the modules of this package that make the jobs."""

@@ -4,150 +4,129 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from mjmotion.exceptions import OutputError
 from mjmotion.paper.ablations import COMPARISONS
 from mjmotion.paper.jobs import PAPER, Column
 from mjmotion.paper.table1 import Measured, Table1
 
-OURS, THEIRS = "ours", "Lee and Shin 1999"
-BEGIN, END = "<!-- table1 -->", "<!-- /table1 -->"
-_LABEL, _SIDE = 27, 34  # widths
+HERE, IN_PAPER = "here", "Lee and Shin 1999"
+_LABEL_WIDTH, _COLUMN_WIDTH = 27, 34
 
 
-def lines(found: Table1) -> list[str]:
+def lines(table: Table1) -> list[str]:
     """Return the three tables for a terminal."""
-    return [
-        *table1_lines(found),
-        "",
-        *solver_lines(found),
-        *(["", *way_lines(found)] if found.ways else []),
-    ]
+    ablations = ["", *ablation_lines(table)] if table.ablations else []
+    return [*table1_lines(table), "", *solver_lines(table), *ablations]
 
 
-def table1_lines(found: Table1) -> list[str]:
-    """Return the paper's table, job by job, ours on the left and the paper's on the right."""
-    text = [f"Table 1, times are medians of {found.repeats} runs", ""]
-    for name, ours in found.columns.items():
-        mine, paper = ours.column, PAPER[name]
-        rows = [
-            (mine.name, OURS, THEIRS),
-            ("  parameters (reduced)", *(_parameters(c) for c in (mine, paper))),
-            ("  frames", str(mine.nframe), str(paper.nframe)),
-            ("  constraints", str(mine.nscalar), str(paper.nscalar)),
-            ("  preprocessing [ms]", *(_ms(c.preprocessing_seconds) for c in (mine, paper))),
-            (
-                "  frames a knot",
-                *(_row(f"{v:g}" for v in c.frames_per_knot) for c in (mine, paper)),
-            ),
-            ("  time [ms]", *(_row(_ms(v) for v in c.seconds) for c in (mine, paper))),
-            (
-                "  largest error [% height]",
-                *(_row(f"{v:.2f}" for v in c.max_error_percent) for c in (mine, paper)),
-            ),
-            ("  after the exact pass [%]", _small(ours.exact_error_percent), ""),
-            ("  whole fit [ms]", f"{_ms(ours.fit_seconds)}{_extra(ours)}", ""),
-            ("  drift of contacts [mm]", f"{ours.drift_mm:.2g}", ""),
-            ("  jerk over source, RMS", f"{ours.jerk_ratio:.2f}", ""),
-        ]
-        text += [f"{label:{_LABEL}} {a:{_SIDE}} {b}".rstrip() for label, a, b in rows]
+def table1_lines(table: Table1) -> list[str]:
+    """Return the paper's table, job by job, measured here on the left, the paper's on the right."""
+    text = [f"Table 1, times are medians of {table.repeats} runs"]
+    for name, measured in table.columns.items():
         text.append("")
-    return text[:-1]
+        here, paper = _cells(measured.column), _cells(PAPER[name])
+        rows = [
+            (measured.column.name, HERE, IN_PAPER),
+            *((f"  {label}", here[label], paper[label]) for label in here),
+            ("  after the exact pass [%]", _percent(measured.exact_error_percent), ""),
+            ("  whole fit [ms]", f"{_ms(measured.fit_seconds)}{_extra_levels(measured)}", ""),
+            ("  drift of contacts [mm]", f"{measured.drift_mm:.2g}", ""),
+            ("  jerk over source, RMS", f"{measured.jerk_ratio:.2f}", ""),
+        ]
+        for label, left, right in rows:
+            text.append(f"{label:{_LABEL_WIDTH}} {left:{_COLUMN_WIDTH}} {right}".rstrip())
+    return text
 
 
-def solver_lines(found: Table1) -> list[str]:
+def solver_lines(table: Table1) -> list[str]:
     """Return the table of numeric beside hybrid IK."""
     text = [
         "Numeric beside hybrid IK, in turns in one run",
         "",
-        f"{'job':{_LABEL}} {'IK':8} {'parameters':>10} {'whole fit [ms]':>15}"
+        f"{'job':{_LABEL_WIDTH}} {'IK':8} {'parameters':>10} {'whole fit [ms]':>15}"
         f" {'error, 4th level [%]':>21} {'exact [%]':>10} {'faster':>7}",
     ]
-    speedups = found.speedups()
-    for row in found.solvers:
-        faster = f"{speedups[row.job]:.1f} x" if row.ik == "hybrid" and row.job in speedups else ""
+    speedups = table.speedups()
+    for solver in table.solvers:
+        shown = solver.ik == "hybrid" and solver.job in speedups
+        faster = f"{speedups[solver.job]:.1f} x" if shown else ""
         text.append(
-            f"{row.job:{_LABEL}} {row.ik:8} {row.parameters:10d} {_ms(row.fit_seconds):>15}"
-            f" {row.last_level_percent:21.2f} {_small(row.exact_error_percent):>10}"
-            f" {faster:>7}".rstrip()
+            f"{solver.job:{_LABEL_WIDTH}} {solver.ik:8} {solver.parameters:10d}"
+            f" {_ms(solver.fit_seconds):>15} {solver.last_level_percent:21.2f}"
+            f" {_percent(solver.exact_error_percent):>10} {faster:>7}".rstrip()
         )
     return text
 
 
-def way_lines(found: Table1) -> list[str]:
-    """Return the table of the three ways of §7."""
+def ablation_lines(table: Table1) -> list[str]:
+    """Return the table of the ablations of §7."""
     text = [
-        "The three ways of §7, the paper's own first",
+        "The ablations of §7, the paper's own method first",
         "",
-        f"{'job':{_LABEL}} {'way':33} {'time [ms]':>10} {'error [%]':>10} {'overshoot [deg]':>16}"
-        f" {'jerk ratio':>11} {'deviation':>10}",
+        f"{'job':{_LABEL_WIDTH}} {'method':33} {'time [ms]':>10} {'error [%]':>10}"
+        f" {'overshoot [deg]':>16} {'jerk ratio':>11} {'deviation':>10}",
     ]
-    for comparison in COMPARISONS:
-        for way in (way for way in found.ways if way.comparison == comparison):
-            text.append(
-                f"{way.job:{_LABEL}} {way.name:33} {_ms(way.seconds):>10}"
-                f" {_small(way.max_error_percent):>10} {way.overshoot_deg:16.1f}"
-                f" {way.jerk_ratio:11.2f} {way.deviation:10.2f}"
-            )
+    for one in sorted(table.ablations, key=lambda one: COMPARISONS.index(one.comparison)):
+        text.append(
+            f"{one.job:{_LABEL_WIDTH}} {one.name:33} {_ms(one.seconds):>10}"
+            f" {_percent(one.max_error_percent):>10} {one.overshoot_deg:16.1f}"
+            f" {one.jerk_ratio:11.2f} {one.deviation:10.2f}"
+        )
     return text
 
 
-def markdown(found: Table1) -> str:
-    """Return the paper's table as Markdown: a column a job, in each cell ours / the paper's."""
-    columns = list(found.columns.values())
-    pairs = [(ours.column, PAPER[name]) for name, ours in found.columns.items()]
+def markdown(table: Table1) -> str:
+    """Return the paper's table as Markdown: a column a job, each cell measured here / paper's."""
+    pairs = [(measured.column, PAPER[name]) for name, measured in table.columns.items()]
     rows = [
-        ["", *(ours.name for ours, _ in pairs)],
+        ["", *(here.name for here, _ in pairs)],
         ["---"] * (1 + len(pairs)),
-        ["parameters (reduced)", *(_both(*map(_parameters, pair)) for pair in pairs)],
-        ["frames", *(_both(*(str(one.nframe) for one in pair)) for pair in pairs)],
-        ["constraints", *(_both(*(f"{one.nscalar:,}" for one in pair)) for pair in pairs)],
-        ["first guess [ms]", *(_beside(pair, "preprocessing_seconds", None) for pair in pairs)],
+        ["parameters (reduced)", *(_both(_parameters(a), _parameters(b)) for a, b in pairs)],
+        ["frames", *(_both(str(a.nframe), str(b.nframe)) for a, b in pairs)],
+        ["constraints", *(_both(f"{a.nscalar:,}", f"{b.nscalar:,}") for a, b in pairs)],
+        [
+            "first guess [ms]",
+            *(f"{_ms(a.preprocessing_seconds)} / {_ms(b.preprocessing_seconds)}" for a, b in pairs),
+        ],
     ]
     for level, knots in enumerate(pairs[0][1].frames_per_knot):
-        for label, field in (("error [%]", "max_error_percent"), ("time [ms]", "seconds")):
-            cells = [_beside(pair, field, level) for pair in pairs]
-            rows.append([f"{knots:g} frames a knot: {label}", *cells])
+        errors = [
+            f"{a.max_error_percent[level]:.2f} / {b.max_error_percent[level]:.2f}" for a, b in pairs
+        ]
+        times = [f"{_ms(a.seconds[level])} / {_ms(b.seconds[level])}" for a, b in pairs]
+        rows.append([f"{knots:g} frames a knot: error [%]", *errors])
+        rows.append([f"{knots:g} frames a knot: time [ms]", *times])
     rows += [
-        ["exact pass: error [%]", *(_small(ours.exact_error_percent) for ours in columns)],
-        ["whole fit [ms]", *(_ms(ours.fit_seconds) for ours in columns)],
+        [label, *(show(getattr(measured, attribute)) for measured in table.columns.values())]
+        for label, attribute, show in (
+            ("exact pass: error [%]", "exact_error_percent", _percent),
+            ("whole fit [ms]", "fit_seconds", _ms),
+        )
     ]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-def _both(ours: str, theirs: str) -> str:
-    return ours if ours == theirs else f"{ours} / {theirs}"
+def _cells(column: Column) -> dict[str, str]:
+    """Return the rows of one column of the terminal's table, by their labels."""
+    return {
+        "parameters (reduced)": _parameters(column),
+        "frames": str(column.nframe),
+        "constraints": str(column.nscalar),
+        "preprocessing [ms]": _ms(column.preprocessing_seconds),
+        "frames a knot": _spaced(f"{knots:g}" for knots in column.frames_per_knot),
+        "time [ms]": _spaced(_ms(seconds) for seconds in column.seconds),
+        "largest error [% height]": _spaced(f"{error:.2f}" for error in column.max_error_percent),
+    }
 
 
-def _beside(pair: tuple[Column, Column], field: str, level: int | None) -> str:
-    """Return ours / the paper's of one field, at one level where it has several."""
-    values = []
-    for column in pair:
-        value = getattr(column, field)
-        if level is not None:
-            value = value[level] if level < len(value) else None
-        percent = field == "max_error_percent" and value is not None
-        values.append(f"{value:.2f}" if percent else _ms(value))
-    return " / ".join(values)
-
-
-def put_between(page: str, content: str, begin: str = BEGIN, end: str = END) -> str:
-    """Return a page with what stands between two markers replaced.
-
-    Raises:
-      OutputError: the page has no such markers.
-    """
-    before, found, rest = page.partition(begin)
-    _, closed, after = rest.partition(end)
-    if not (found and closed):
-        raise OutputError(f"the page has no place for the table: write {begin}{end} into it")
-    return f"{before}{begin}\n{content}\n{end}{after}"
+def _both(here: str, paper: str) -> str:
+    return here if here == paper else f"{here} / {paper}"
 
 
 def _parameters(column: Column) -> str:
     return f"{column.ndof} ({column.nreduced})"
 
 
-def _row(values: Iterable[str]) -> str:
+def _spaced(values: Iterable[str]) -> str:
     return "".join(f"{value:<8}" for value in values).rstrip()
 
 
@@ -157,9 +136,9 @@ def _ms(seconds: float | None) -> str:
     return f"{1000 * seconds:.3g}" if seconds < 1.0 else f"{1000 * seconds:.0f}"
 
 
-def _small(percent: float) -> str:
-    return "< 0.0001" if percent < 1e-4 else f"{percent:.4f}" if percent < 0.1 else f"{percent:.2f}"
+def _percent(value: float) -> str:
+    return "< 0.0001" if value < 1e-4 else f"{value:.4f}" if value < 0.1 else f"{value:.2f}"
 
 
-def _extra(ours: Measured) -> str:
-    return f" with {ours.extra_levels} more levels" if ours.extra_levels else ""
+def _extra_levels(measured: Measured) -> str:
+    return f" with {measured.extra_levels} more levels" if measured.extra_levels else ""

@@ -1,7 +1,7 @@
 """Table 1 of the paper: its four jobs run here, beside its columns, with both IK solvers.
 
-    found = run(["terrain", "rope", "morph", "transition"])
-    found.columns["rope"].column.max_error_percent, found.missed(), found.as_dict()
+    table = run(["terrain", "rope", "morph", "transition"])
+    table.columns["rope"].column.max_error_percent, table.missed(), table.as_dict()
 
 Times are medians of several runs in one process, in which the two solvers take turns.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -20,11 +20,12 @@ from mjmotion.body.kinematics import site_id, site_positions
 from mjmotion.constraints import lay_out
 from mjmotion.exceptions import FitError, unknown_name
 from mjmotion.fitting import Fit, contact_shift
-from mjmotion.paper.ablations import Way, compare
+from mjmotion.paper.ablations import Ablation, compare
+from mjmotion.paper.figures import Figure
 from mjmotion.paper.job import LEVELS, Job
 from mjmotion.paper.jobs import PAPER, Column
-from mjmotion.paper.timing import machine, take_turns
-from mjmotion.validation.figures import joint_jerk, ratio
+from mjmotion.paper.timing import machine, median_seconds, run_in_turns
+from mjmotion.validation.figures import joint_jerk_ratio
 
 EXACT = 0.01  # most error after the exact pass [% of height]
 DRIFT = 1.0  # most drift of a contact [mm]
@@ -32,10 +33,20 @@ JERK = 1.3  # most RMS jerk over the source's
 FASTER = 2.0  # least time of numeric over hybrid IK on the rope job
 REPEATS = 9
 
+# What must equal the paper's: label, attribute of a column.
+COUNTS = (
+    ("frames", "nframe"),
+    ("parameters", "ndof"),
+    ("reduced parameters", "nreduced"),
+    ("scalar constraints", "nscalar"),
+)
+# Jobs whose exact pass poses every site of a contact: there is no drift by construction.
+POSED_CONTACTS = ("rope", "morph")
+
 
 @dataclasses.dataclass(frozen=True)
 class Measured:
-    """One column of ours.
+    """One column of Table 1, measured here.
 
     Attributes:
       column: what the paper's column has; levels are those of its four spacings.
@@ -68,52 +79,42 @@ class Solver:
 
 @dataclasses.dataclass(frozen=True)
 class Table1:
-    """Everything that ``mjmotion table1`` tells.
+    """Everything that ``mjmotion table1`` prints.
 
     Attributes:
-      columns: by the names of the examples.
+      columns: by the names of the jobs.
       solvers: hybrid and numeric IK, job by job.
-      ways: the comparisons of §7.
+      ablations: the comparisons of §7.
       repeats: times are medians of so many runs.
     """
 
     columns: dict[str, Measured]
     solvers: tuple[Solver, ...]
-    ways: tuple[Way, ...]
+    ablations: tuple[Ablation, ...]
     repeats: int
+
+    def figures(self) -> list[Figure]:
+        """Return what the jobs must reach, beside the paper's figures."""
+        figures = []
+        for name, measured in self.columns.items():
+            figures += _figures_of_job(name, measured)
+        speedup = self.speedups().get(PAPER["rope"].name)
+        if speedup is not None:
+            label = "rope: time of numeric over hybrid IK"
+            figures.append(Figure("paper", label, speedup, "x", least=FASTER))
+        return figures
 
     def missed(self) -> list[str]:
         """Return what is not reached: one line a figure."""
-        found = []
-        for name, ours in self.columns.items():
-            mine, paper = ours.column, PAPER[name]
-            for what in ("ndof", "nreduced", "nframe", "nscalar"):
-                have, want = getattr(mine, what), getattr(paper, what)
-                if have != want:
-                    found.append(f"{name}: {what} is {have}, the paper's {want}")
-            levels = zip(mine.max_error_percent, paper.max_error_percent, strict=False)
-            for number, (error, most) in enumerate(levels, start=1):
-                if error > most:
-                    found.append(f"{name}: error after level {number} is {error:.2f} % > {most} %")
-            for label, value, most, unit in (
-                ("error after the exact pass", ours.exact_error_percent, EXACT, " %"),
-                ("drift", ours.drift_mm, DRIFT, " mm"),
-                ("jerk ratio", ours.jerk_ratio, JERK, ""),
-            ):
-                if value > most:
-                    found.append(f"{name}: {label} is {value:.3g}{unit} > {most:g}{unit}")
-        speedup = self.speedups().get(PAPER["rope"].name, FASTER)
-        if speedup < FASTER:
-            found.append(f"rope: hybrid IK is {speedup:.1f} times faster than numeric < {FASTER:g}")
-        return found
+        return [figure.miss for figure in self.figures() if figure.ok is False]
 
     def speedups(self) -> dict[str, float]:
         """Return numeric over hybrid time, by job."""
-        took = {(row.job, row.ik): row.fit_seconds for row in self.solvers}
+        seconds = {(row.job, row.ik): row.fit_seconds for row in self.solvers}
         return {
-            job: took[job, "numeric"] / took[job, "hybrid"]
-            for job, ik in took
-            if ik == "hybrid" and (job, "numeric") in took
+            job: seconds[job, "numeric"] / seconds[job, "hybrid"]
+            for job, ik in seconds
+            if ik == "hybrid" and (job, "numeric") in seconds
         }
 
     def as_dict(self) -> dict[str, Any]:
@@ -122,31 +123,35 @@ class Table1:
             "machine": machine(),
             "repeats": self.repeats,
             "table1": {
-                name: {**dataclasses.asdict(ours), "paper": dataclasses.asdict(PAPER[name])}
-                for name, ours in self.columns.items()
+                name: {**dataclasses.asdict(measured), "paper": dataclasses.asdict(PAPER[name])}
+                for name, measured in self.columns.items()
             },
             "solvers": [dataclasses.asdict(row) for row in self.solvers],
             "speedups": self.speedups(),
-            "ways": [dataclasses.asdict(way) for way in self.ways],
+            "ablations": [dataclasses.asdict(ablation) for ablation in self.ablations],
             "missed": self.missed(),
         }
 
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Table1:
-        """Return the tables that :meth:`as_dict` made the data of."""
-        columns = {}
-        for name, entry in data["table1"].items():
-            lists: dict[str, Any] = {
-                key: tuple(v) if isinstance(v, list) else v for key, v in entry["column"].items()
-            }
-            known = {field.name: entry[field.name] for field in dataclasses.fields(Measured)}
-            columns[name] = Measured(**{**known, "column": Column(**lists)})
-        return cls(
-            columns,
-            tuple(Solver(**row) for row in data["solvers"]),
-            tuple(Way(**way) for way in data["ways"]),
-            int(data["repeats"]),
+
+def _figures_of_job(name: str, measured: Measured) -> list[Figure]:
+    column, paper = measured.column, PAPER[name]
+    figures = []
+    for label, attribute in COUNTS:
+        value, wanted = getattr(column, attribute), getattr(paper, attribute)
+        figures.append(
+            Figure("paper", f"{name}: {label}", value, most=wanted, least=wanted, listed=False)
         )
+    levels = zip(column.max_error_percent, paper.max_error_percent, strict=False)
+    for number, (error, most) in enumerate(levels, start=1):
+        figures.append(Figure("paper", f"{name}: error after level {number}", error, "%", most))
+    exact, drift = measured.exact_error_percent, measured.drift_mm
+    drifts = None if name not in POSED_CONTACTS else False
+    return [
+        *figures,
+        Figure("paper", f"{name}: error after the exact pass", exact, "%", EXACT, listed=False),
+        Figure("paper", f"{name}: drift of contacts", drift, "mm", DRIFT, listed=drifts),
+        Figure("paper", f"{name}: joint jerk over source, RMS", measured.jerk_ratio, most=JERK),
+    ]
 
 
 def make_job(name: str) -> Job:
@@ -165,7 +170,7 @@ def run(
     names: Sequence[str] = tuple(PAPER),
     repeats: int = REPEATS,
     *,
-    ways: bool = True,
+    ablations: bool = True,
     make: Callable[[str], Job] = make_job,
     progress: Callable[[str], None] | None = None,
 ) -> Table1:
@@ -174,33 +179,44 @@ def run(
     Args:
       names: which of the paper's jobs.
       repeats: times are medians of so many runs.
-      ways: run the comparisons of §7 too; the large optimisation takes seconds a job.
+      ablations: run the comparisons of §7 too; the large optimisation takes seconds a job.
       make: makes a job of a name.
       progress: called with the name of each stage as it begins.
 
     Raises:
       FitError: there is no job of a name.
     """
-    say = progress or (lambda stage: None)
+    show = progress or (lambda stage: None)
     columns: dict[str, Measured] = {}
     solvers: list[Solver] = []
-    compared: list[Way] = []
+    compared: list[Ablation] = []
     for name in names:
-        say(f"{name}: making the job")
+        show(f"{name}: making the job")
         job = make(name)
-        say(f"{name}: both solvers, {repeats} times")
+        show(f"{name}: both solvers, {repeats} times")
         fits = {ik: lambda ik=ik, job=job: job.fit(ik) for ik in ("hybrid", "numeric")}
-        runs = take_turns(fits, repeats)
+        runs = run_in_turns(fits, repeats)
         columns[name] = measure(job, [fit for _, fit in runs["hybrid"]])
         for ik, parameters in (("hybrid", job.nreduced), ("numeric", job.ndof)):
-            took = statistics.median(seconds for seconds, _ in runs[ik])
-            trace = runs[ik][-1][1].trace
-            last = trace.levels[min(len(LEVELS), len(trace.levels)) - 1].max_error_percent
-            solvers.append(Solver(job.name, ik, parameters, took, last, trace.exact_error_percent))
-        if ways:
-            say(f"{name}: the ways of §7")
+            solvers.append(_solver(job, ik, parameters, runs[ik]))
+        if ablations:
+            show(f"{name}: the ablations of §7")
             compared += compare(job, max(1, repeats // 2))
     return Table1(columns, tuple(solvers), tuple(compared), repeats)
+
+
+def _solver(job: Job, ik: str, parameters: int, runs: Sequence[tuple[float, Fit]]) -> Solver:
+    """Return the row of one solver from the times and results of its runs."""
+    trace = runs[-1][1].trace
+    last = trace.levels[min(len(LEVELS), len(trace.levels)) - 1]
+    return Solver(
+        job=job.name,
+        ik=ik,
+        parameters=parameters,
+        fit_seconds=statistics.median(seconds for seconds, _ in runs),
+        last_level_percent=last.max_error_percent,
+        exact_error_percent=trace.exact_error_percent,
+    )
 
 
 def measure(job: Job, fits: Sequence[Fit]) -> Measured:
@@ -208,7 +224,11 @@ def measure(job: Job, fits: Sequence[Fit]) -> Measured:
     traces = [fit.trace for fit in fits]
     levels = traces[0].levels[: len(LEVELS)]
     column = Column(
-        *(job.name, job.ndof, job.nreduced, job.nframe, job.nscalar),
+        name=job.name,
+        ndof=job.ndof,
+        nreduced=job.nreduced,
+        nframe=job.nframe,
+        nscalar=job.nscalar,
         preprocessing_seconds=preprocessing(job, fits),
         frames_per_knot=tuple(level.frames_per_knot for level in levels),
         seconds=tuple(
@@ -217,17 +237,13 @@ def measure(job: Job, fits: Sequence[Fit]) -> Measured:
         ),
         max_error_percent=tuple(level.max_error_percent for level in levels),
     )
-    rms = [
-        float(np.sqrt(np.mean(joint_jerk(motion) ** 2)))
-        for motion in (fits[0].motion, job.source or job.motion)
-    ]
     return Measured(
         column,
         len(traces[0].levels) - len(levels),
         statistics.median(trace.fit_seconds for trace in traces),
         traces[0].exact_error_percent,
         drift_mm(job, fits[0]),
-        ratio(*rms),
+        joint_jerk_ratio(fits[0].motion, [job.source or job.motion]),
     )
 
 
@@ -243,7 +259,7 @@ def preprocessing(job: Job, fits: Sequence[Fit]) -> float:
     if not targets.contact.any():
         return 0.0
     task = {"guess": lambda: contact_shift(job.motion, targets, LEVELS, job.bones)}
-    return statistics.median(seconds for seconds, _ in take_turns(task, len(fits))["guess"])
+    return median_seconds(task, len(fits))["guess"]
 
 
 def drift_mm(job: Job, fit: Fit) -> float:
@@ -257,16 +273,3 @@ def drift_mm(job: Job, fit: Fit) -> float:
         place = site_positions(model, fit.motion.qpos[frames], sites, bones)[:, 0]
         worst = max(worst, float(np.linalg.norm(place - place.mean(axis=0), axis=1).max()))
     return 1000.0 * worst
-
-
-__all__ = [
-    "PAPER",
-    "Measured",
-    "Solver",
-    "Table1",
-    "drift_mm",
-    "make_job",
-    "measure",
-    "preprocessing",
-    "run",
-]

@@ -6,7 +6,11 @@
 from __future__ import annotations
 
 from mjmotion.clips import load_clip
+<<<<<<< HEAD
 from mjmotion.footsteps.plan import make_plan
+=======
+from mjmotion.footsteps.plan import Plan, plan
+>>>>>>> h-scripts
 from mjmotion.paper.job import Job
 from mjmotion.scene import load_scene
 
@@ -17,6 +21,7 @@ def make_job(clip: str = "walk", scene: str = "terrain") -> Job:
     Raises:
       ClipError, SceneError: there is no such clip or scene, or no ground under the walk.
     """
+<<<<<<< HEAD
     plan = make_plan(load_clip(clip), load_scene(scene))
     return Job(
         "walking on rough terrain",
@@ -24,4 +29,17 @@ def make_job(clip: str = "walk", scene: str = "terrain") -> Job:
         tuple(plan.constraints()),
         first_guess=plan.root_shift,
         contacts=plan.contacts,
+=======
+    return job_of_plan(plan(load_clip(clip), load_scene(scene)))
+
+
+def job_of_plan(walk: Plan) -> Job:
+    """Return the job of what a scene asks of a walk."""
+    return Job(
+        "walking on rough terrain",
+        walk.source,
+        tuple(walk.constraints()),
+        first_guess=walk.root_shift,
+        contacts=walk.contacts,
+>>>>>>> h-scripts
     )

@@ -16,14 +16,7 @@ T = TypeVar("T")
 PACKAGES = ("mjmotion", "mujoco", "numpy", "scipy", "mink", "daqp")
 
 
-def seconds(task: Callable[[], object]) -> float:
-    """Return how long a task takes [s]."""
-    began = time.perf_counter()
-    task()
-    return time.perf_counter() - began
-
-
-def take_turns(
+def run_in_turns(
     tasks: Mapping[str, Callable[[], T]], repeats: int, *, warm: bool = True
 ) -> dict[str, list[tuple[float, T]]]:
     """Return the time [s] and the result of every run of every task.
@@ -41,16 +34,16 @@ def take_turns(
     runs: dict[str, list[tuple[float, T]]] = {name: [] for name in tasks}
     for _ in range(repeats):
         for name, task in tasks.items():
-            began = time.perf_counter()
+            start = time.perf_counter()
             result = task()
-            runs[name].append((time.perf_counter() - began, result))
+            runs[name].append((time.perf_counter() - start, result))
     return runs
 
 
-def interleaved(tasks: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    """Return the median time of every task [s]; see :func:`take_turns`."""
-    runs = take_turns(tasks, repeats)
-    return {name: statistics.median(took for took, _ in runs[name]) for name in runs}
+def median_seconds(tasks: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
+    """Return the median time of every task [s]; see :func:`run_in_turns`."""
+    runs = run_in_turns(tasks, repeats)
+    return {name: statistics.median(seconds for seconds, _ in runs[name]) for name in runs}
 
 
 def machine() -> dict[str, str]:

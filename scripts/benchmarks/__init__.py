@@ -1,4 +1,4 @@
-"""The parts of ``scripts/benchmark.py``: quality, levels, speed, command line, README."""
+"""The parts of ``scripts/benchmark.py``: each module measures one part and returns its figures."""
 
 import os
 

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.job import Job
+from mjmotion.paper.job import Job
 
 Array = NDArray[np.float64]
 Limits = Literal["made once", "default", "none"]
@@ -48,7 +48,7 @@ def make_solver(job: Job, limits: Limits = "made once") -> Callable[[], Solved]:
     import daqp  # noqa: F401  # mink would find out at its first step
     import mink
 
-    model, guess = job.source.model, job.guess
+    model, guess = job.motion.model, job.guess
     feet = [
         mink.FrameTask(constraint.site, "site", position_cost=1.0, orientation_cost=1.0)
         for constraint in job.constraints
@@ -60,9 +60,9 @@ def make_solver(job: Job, limits: Limits = "made once") -> Callable[[], Solved]:
         "none": [],
     }[limits]
     sites = [model.site(constraint.site).id for constraint in job.constraints]
-    poses = [np.hstack((_given(c.quat), _given(c.position))) for c in job.constraints]
+    poses = [np.hstack((_require(c.quat), _require(c.position))) for c in job.constraints]
     targets = [[mink.SE3(pose) for pose in of_foot] for of_foot in poses]
-    goal = np.stack([_given(c.position) for c in job.constraints], axis=1)
+    goal = np.stack([_require(c.position) for c in job.constraints], axis=1)
 
     def solve() -> Solved:
         state = mink.Configuration(model, q=guess[0])
@@ -90,6 +90,6 @@ def make_solver(job: Job, limits: Limits = "made once") -> Callable[[], Solved]:
     return solve
 
 
-def _given(values: Array | None) -> Array:
+def _require(values: Array | None) -> Array:
     assert values is not None
     return values

@@ -1,25 +1,31 @@
-"""Quality: every walk on every scene, all figures of the validation at its default thresholds."""
+"""Quality: every walk on every scene, all figures of the validation at its default thresholds.
+
+The walks of :data:`TUNED` are those that the project was tuned on: what they reach is judged. Those
+of :data:`HELD_BACK` are of other people: what they reach says how far that carries.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from benchmarks.figures import Figure
+from benchmarks.figures import Print
 from mjmotion.apps.adaptation import adapt
 from mjmotion.body.motion import Motion
 from mjmotion.clips import builtin_clips, load_clip
 from mjmotion.exceptions import MotionError, frame_list
+from mjmotion.paper.figures import Figure
 from mjmotion.scene import Scene, load_scene
 from mjmotion.validation import THRESHOLDS, Validation, validate
 from mjmotion.validation.result import asked_clearance
 
 MOCAP = Path(__file__).parents[3] / "shared" / "mocap" / "bvh"
-WALKS = (
+TUNED = (
     "walk",
     "02_01",
     "07_01",
@@ -31,32 +37,46 @@ WALKS = (
     "17_03",
     "03_01",
 )
+# The first two takes of each of the eight other people in shared/mocap, by number, without 14_34,
+# who climbs a ladder. Chosen by that rule, before any was measured; not to be tuned on.
+HELD_BACK = (
+    "05_02",
+    "05_04",
+    "09_02",
+    "09_06",
+    "127_05",
+    "127_16",
+    "14_21",
+    "29_01",
+    "35_12",
+    "35_17",
+    "49_01",
+    "49_02",
+    "91_17",
+)
 SCENES = ("terrain", "terrain_doors", "stairs", "slope", "blocks")
 CLEARANCE = "swing_clearance_mm"
-# What stands in the table: label and unit.
-LABELS: dict[str, tuple[str, str]] = {
-    "stance_drift_mm": ("stance drift", "mm"),
-    "stance_gap_max_mm": ("stance gap, planes and steps", "mm"),
-    "stance_gap_hfield_p95_mm": ("stance gap, heightfields, p95", "mm"),
-    "sole_penetration_mm": ("sole penetration", "mm"),
-    "obstacle_penetration_mm": ("obstacle penetration", "mm"),
-    CLEARANCE: ("swing clearance over what is asked", "mm"),
-    "joint_limit_rad": ("joint limit excess", "rad"),
-    "jerk_ratio_rms": ("joint jerk over source, RMS", ""),
-    "jerk_ratio_p999": ("joint jerk over source, p99.9", ""),
-    "root_travel_ratio": ("root path over source", ""),
-}
-_SHORT = {
-    "stance_drift_mm": "drift",
-    "stance_gap_max_mm": "gap",
-    "stance_gap_hfield_p95_mm": "gap p95",
-    "sole_penetration_mm": "sole",
-    "obstacle_penetration_mm": "obstacle",
-    CLEARANCE: "swing",
-    "joint_limit_rad": "limit",
-    "jerk_ratio_rms": "jerk",
-    "jerk_ratio_p999": "jerk p99.9",
-    "root_travel_ratio": "travel",
+
+
+class Label(NamedTuple):
+    """A figure's name in a row, its name at the head of a column, and its unit."""
+
+    text: str
+    short: str
+    unit: str
+
+
+LABELS = {
+    "stance_drift_mm": Label("stance drift", "drift", "mm"),
+    "stance_gap_max_mm": Label("stance gap, planes and steps", "gap", "mm"),
+    "stance_gap_hfield_p95_mm": Label("stance gap, heightfields, p95", "gap p95", "mm"),
+    "sole_penetration_mm": Label("sole penetration", "sole", "mm"),
+    "obstacle_penetration_mm": Label("obstacle penetration", "obstacle", "mm"),
+    CLEARANCE: Label("swing clearance over what is asked", "swing", "mm"),
+    "joint_limit_rad": Label("joint limit excess", "limit", "rad"),
+    "jerk_ratio_rms": Label("joint jerk over source, RMS", "jerk", ""),
+    "jerk_ratio_p999": Label("joint jerk over source, p99.9", "jerk p99.9", ""),
+    "root_travel_ratio": Label("root path over source", "travel", ""),
 }
 
 
@@ -98,7 +118,7 @@ class Pair:
         lines = [f"{head} {'ok' if self.ok else 'MISSED':6} {cells} {self.seconds:6.2f} s"]
         for name in self.broken:
             where = self.worst.get(name, "")
-            lines.append(f"{'':8}{LABELS[name][0]} {self.metrics[name]:.4g}: {where}")
+            lines.append(f"{'':8}{LABELS[name].text} {self.metrics[name]:.4g}: {where}")
         return lines + [f"{'':8}not met: {text}" for text in self.unmet]
 
     def as_dict(self) -> dict[str, Any]:
@@ -106,13 +126,13 @@ class Pair:
         metrics = {
             name: value if math.isfinite(value) else None for name, value in self.metrics.items()
         }
-        took = None if math.isnan(self.seconds) else round(self.seconds, 3)
-        return {**dataclasses.asdict(self), "metrics": metrics, "seconds": took, "ok": self.ok}
+        seconds = None if math.isnan(self.seconds) else round(self.seconds, 3)
+        return {**dataclasses.asdict(self), "metrics": metrics, "seconds": seconds, "ok": self.ok}
 
 
 def header() -> str:
     """Return the head of the table of pairs."""
-    cells = " ".join(f"{_SHORT[name]:>10}" for name in LABELS)
+    cells = " ".join(f"{label.short:>10}" for label in LABELS.values())
     return f"  {'clip':16} {'scene':14} {'':6} {cells}   time"
 
 
@@ -127,26 +147,28 @@ def find_clip(name: str) -> tuple[Path | str, str]:
 
 def measure(clip: Motion, scene: Scene, name: str) -> Pair:
     """Adapt one walk to one scene and measure it."""
-    began = time.perf_counter()
+    start = time.perf_counter()
     try:
         result = adapt(clip, scene)
         validation = validate(result.source, result.motion, result.contacts)
     except MotionError as error:
         return Pair(name, scene.name, {}, error=f"{type(error).__name__}: {error}")
-    took = time.perf_counter() - began
+    seconds = time.perf_counter() - start
     metrics = {figure: validation.metrics[figure] for figure in LABELS}
     metrics[CLEARANCE] = spare_clearance(validation)
     return Pair(
-        name,
-        scene.name,
-        metrics,
-        tuple(validation.broken()),
-        {figure: str(place) for figure, place in validation.worst.items() if figure in LABELS},
-        tuple(
+        clip=name,
+        scene=scene.name,
+        metrics=metrics,
+        broken=tuple(validation.broken()),
+        worst={
+            figure: str(place) for figure, place in validation.worst.items() if figure in LABELS
+        },
+        unmet=tuple(
             f"{unmet.constraint}, {unmet.residual_mm:.1f} mm, frames {frame_list(unmet.frames)}"
             for unmet in result.unmet
         ),
-        took,
+        seconds=seconds,
     )
 
 
@@ -163,7 +185,7 @@ def spare_clearance(validation: Validation) -> float:
 
 
 def run(
-    clips: Sequence[str], scenes: Sequence[str], say: Callable[[str], None]
+    clips: Sequence[str], scenes: Sequence[str], print_line: Print
 ) -> tuple[list[Pair], list[str]]:
     """Measure every clip on every scene.
 
@@ -173,23 +195,23 @@ def run(
     pairs: list[Pair] = []
     skipped: list[str] = []
     loaded = {name: load_scene(name) for name in scenes}
-    say(header())
+    print_line(header())
     for name in clips:
         source, why = find_clip(name)
         if why:
             skipped.append(f"{name}: {why}")
-            say(f"  {name:16} skipped: {why}")
+            print_line(f"  {name:16} skipped: {why}")
             continue
         try:
             clip = load_clip(source)
         except MotionError as error:
             pairs += [Pair(name, scene, {}, error=f"{error}") for scene in scenes]
-            say(f"  {name:16} MISSED  {error}")
+            print_line(f"  {name:16} MISSED  {error}")
             continue
         for scene in loaded.values():
             pairs.append(measure(clip, scene, Path(name).stem))
             for line in pairs[-1].lines():
-                say(line)
+                print_line(line)
     return pairs, skipped
 
 
@@ -197,15 +219,15 @@ def summary(pairs: Sequence[Pair]) -> list[Figure]:
     """Return the worst of each figure over all pairs, with the number of misses."""
     figures = [
         Figure(
-            "quality",
-            "walks on scenes that reach every figure",
-            float(sum(pair.ok for pair in pairs)),
-            f"of {len(pairs)}",
+            group="quality",
+            name="walks on scenes that reach every figure",
+            value=float(sum(pair.ok for pair in pairs)),
+            unit=f"of {len(pairs)}",
             least=float(len(pairs)),
             note="; ".join(f"no result: {p.clip} on {p.scene}" for p in pairs if p.error),
         )
     ]
-    for name, (label, unit) in LABELS.items():
+    for name, label in LABELS.items():
         least, most = bounds(name)
         measured = [p for p in pairs if not math.isnan(p.metrics.get(name, math.nan))]
         if not measured:
@@ -217,14 +239,31 @@ def summary(pairs: Sequence[Pair]) -> list[Figure]:
             note += f", {worst.worst.get(name, '')}; {misses} of {len(measured)} missed"
         figures.append(
             Figure(
-                *("quality", label, worst.metrics[name], unit),
+                group="quality",
+                name=label.text,
+                value=worst.metrics[name],
+                unit=label.unit,
                 most=most,
                 least=least,
                 note=note,
-                missed=misses > 0,
+                failed=misses > 0,
             )
         )
     return figures
+
+
+def held_back_summary(pairs: Sequence[Pair]) -> Figure:
+    """Return how many pairs that nothing was tuned on reach every figure; there is no target."""
+    misses = Counter(LABELS[name].text for pair in pairs for name in pair.broken)
+    misses.update("no result" for pair in pairs if pair.error)
+    return Figure(
+        group="quality",
+        name="held back: pairs that reach every figure",
+        value=float(sum(pair.ok for pair in pairs)),
+        unit=f"of {len(pairs)}",
+        note=", ".join(f"{label}: {count} missed" for label, count in misses.most_common()),
+        listed=True,
+    )
 
 
 def bounds(name: str) -> tuple[float | None, float | None]:

@@ -2,43 +2,45 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.figures import Figure, interleaved
-from benchmarks.job import Job
+from benchmarks.figures import Print, print_figures
 from benchmarks.mink_ik import make_solver
 from mjmotion.apps.adaptation import adapt
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
-from mjmotion.constraints import lay_out
+from mjmotion.constraints import SiteConstraint, lay_out
 from mjmotion.exceptions import MotionError
 from mjmotion.fitting import residuals
+from mjmotion.paper.figures import Figure
+from mjmotion.paper.job import Job
+from mjmotion.paper.timing import median_seconds
 from mjmotion.scene import compose, load_scene
 from mjmotion.validation import validate
-from mjmotion.validation.figures import joint_jerk
+from mjmotion.validation.figures import joint_jerk_ratio
 
 SWEEP, MINK, LINEAR, WHOLE = 25.0, 10.0, 110.0, 15.0  # targets
 TIMES = 100  # how often the job is tiled for the cost of many frames
 REPEATS, SLOW_REPEATS, LONG_REPEATS = 31, 9, 3
 
 
-def run(job: Job, say: Callable[[str], None]) -> list[Figure]:
+def run(job: Job, print_line: Print) -> list[Figure]:
     """Return all ratios of the fit's time."""
-    figures: list[Figure] = []
+    figures = []
     for part in (fit_and_sweep, against_mink, many_frames, whole_adaptation):
-        for figure in part(job):
-            say(figure.line())
-            figures.append(figure)
+        figures += print_figures(part(job), print_line)
     return figures
 
 
 def sweep(job: Job) -> Callable[[], None]:
     """Return a function that runs ``mj_kinematics`` once over all frames."""
-    model, qpos = job.source.model, job.source.qpos
+    model, qpos = job.motion.model, job.motion.qpos
     data = mujoco.MjData(model)
 
     def once() -> None:
@@ -51,15 +53,16 @@ def sweep(job: Job) -> Callable[[], None]:
 
 def fit_and_sweep(job: Job) -> list[Figure]:
     """Return the fit's time over that of a sweep."""
-    took = interleaved(
+    seconds = median_seconds(
         {"sweep": sweep(job), "hybrid": job.fit, "numeric": lambda: job.fit("numeric")}, REPEATS
     )
+    over_sweep = {ik: seconds[ik] / seconds["sweep"] for ik in ("hybrid", "numeric")}
     return [
-        Figure("speed", "one mj_kinematics sweep", 1000 * took["sweep"], "ms"),
-        Figure("speed", "fit, hybrid", 1000 * took["hybrid"], "ms"),
-        Figure("speed", "fit, numeric", 1000 * took["numeric"], "ms"),
-        Figure("speed", "fit, hybrid, over sweep", took["hybrid"] / took["sweep"], "x", SWEEP),
-        Figure("speed", "fit, numeric, over sweep", took["numeric"] / took["sweep"], "x"),
+        Figure("speed", "one mj_kinematics sweep", 1000 * seconds["sweep"], "ms"),
+        Figure("speed", "fit, hybrid", 1000 * seconds["hybrid"], "ms"),
+        Figure("speed", "fit, numeric", 1000 * seconds["numeric"], "ms"),
+        Figure("speed", "fit, hybrid, over sweep", over_sweep["hybrid"], "x", most=SWEEP),
+        Figure("speed", "fit, numeric, over sweep", over_sweep["numeric"], "x"),
     ]
 
 
@@ -67,7 +70,7 @@ def against_mink(job: Job) -> list[Figure]:
     """Return the time of mink over the fit's; beside it how smooth and how true both are.
 
     The fit holds joint ranges, so the comparison is with mink holding those it can, by limits made
-    once beforehand. Its times with the limits of its default, and without any, are told too.
+    once beforehand. Its times with the limits of its default, and without any, are printed too.
     """
     name = "mink over fit, hybrid"
     try:
@@ -75,30 +78,26 @@ def against_mink(job: Job) -> list[Figure]:
     except ModuleNotFoundError as error:
         why = f"{error.name} is not installed: pip install 'mjmotion[benchmark]'"
         return [Figure("speed", name, math.nan, "x", least=MINK, note=why)]
-    took = interleaved(
+    seconds = median_seconds(
         {"fit": job.fit, "mink": solve, "default": default, "bare": bare}, SLOW_REPEATS
     )
     solved, fitted = solve(), job.fit().motion
-    theirs = job.source.replace(solved.qpos)
+    of_mink = job.motion.replace(solved.qpos)
     note = f"{solved.steps} steps, {len(solved.unconverged)} frames not converged"
+    over_fit = {task: seconds[task] / seconds["fit"] for task in ("mink", "default", "bare")}
     figures = [
-        Figure("speed", "mink", 1000 * took["mink"], "ms", note=note),
-        Figure("speed", name, took["mink"] / took["fit"], "x", least=MINK),
-        Figure("speed", "mink with default limits, over fit", took["default"] / took["fit"], "x"),
-        Figure("speed", "mink without joint ranges, over fit", took["bare"] / took["fit"], "x"),
+        Figure("speed", "mink", 1000 * seconds["mink"], "ms", note=note),
+        Figure("speed", name, over_fit["mink"], "x", least=MINK),
+        Figure("speed", "mink with default limits, over fit", over_fit["default"], "x"),
+        Figure("speed", "mink without joint ranges, over fit", over_fit["bare"], "x"),
     ]
-    source = jerk(job.source)
-    for who, motion in (("fit", fitted), ("mink", theirs)):
+    for label, motion in (("fit", fitted), ("mink", of_mink)):
+        jerk = joint_jerk_ratio(motion, [job.motion])
         figures += [
-            Figure("speed", f"joint jerk over source, RMS, {who}", jerk(motion) / source, "x"),
-            Figure("speed", f"largest error of a foot, {who}", foot_error(job, motion), "mm"),
+            Figure("speed", f"joint jerk over source, RMS, {label}", jerk, "x"),
+            Figure("speed", f"largest error of a foot, {label}", foot_error(job, motion), "mm"),
         ]
     return figures
-
-
-def jerk(motion: Motion) -> float:
-    """Return the RMS of the third derivative of joint angles [rad/s³], as the validation's."""
-    return float(np.sqrt(np.mean(joint_jerk(motion) ** 2)))
 
 
 def foot_error(job: Job, motion: Motion) -> float:
@@ -109,20 +108,45 @@ def foot_error(job: Job, motion: Motion) -> float:
 
 def many_frames(job: Job) -> list[Figure]:
     """Return the time of very many frames over that of one job."""
-    many = job.tiled(TIMES)
+    many = tile(job, TIMES)
     batch = 10  # one job alone is too short beside the long one
-    took = interleaved(
+    seconds = median_seconds(
         {"one": lambda: [job.fit() for _ in range(batch)], "many": many.fit}, LONG_REPEATS
     )
-    one = took["one"] / batch
+    ratio = seconds["many"] / (seconds["one"] / batch)
     return [
-        Figure("speed", f"fit of {many.source.nframe} frames", took["many"], "s"),
-        Figure(
-            *("speed", f"{many.source.nframe} frames over {job.source.nframe}", took["many"] / one),
-            "x",
-            most=LINEAR,
-        ),
+        Figure("speed", f"fit of {many.nframe} frames", seconds["many"], "s"),
+        Figure("speed", f"{many.nframe} frames over {job.nframe}", ratio, "x", most=LINEAR),
     ]
+
+
+def tile(job: Job, times: int) -> Job:
+    """Return the job again and again; every second copy runs backwards, so nothing jumps."""
+    frames = np.arange(job.nframe)
+    return select_frames(
+        job, np.concatenate([frames[:: 1 if copy % 2 == 0 else -1] for copy in range(times)])
+    )
+
+
+def select_frames(job: Job, frames: NDArray[np.int64]) -> Job:
+    """Return a job of frames of another whose feet are posed at all of them, in a given order."""
+
+    def select(constraint: SiteConstraint) -> SiteConstraint:
+        assert constraint.position is not None and constraint.quat is not None
+        return dataclasses.replace(
+            constraint,
+            frames=np.arange(len(frames)),
+            position=constraint.position[frames],
+            quat=constraint.quat[frames],
+        )
+
+    assert isinstance(job.first_guess, np.ndarray)
+    return Job(
+        job.name,
+        job.motion.replace(job.motion.qpos[frames]),
+        tuple(select(constraint) for constraint in job.constraints),
+        first_guess=job.first_guess[frames],
+    )
 
 
 def whole_adaptation(job: Job, clip: str = "walk", scene: str = "terrain_doors") -> list[Figure]:
@@ -140,13 +164,13 @@ def whole_adaptation(job: Job, clip: str = "walk", scene: str = "terrain_doors")
 
     tasks = {"fit": job.fit, "load": lambda: compose("humanoid", place).compile(), "whole": whole}
     try:
-        took = interleaved(tasks, SLOW_REPEATS)
+        seconds = median_seconds(tasks, SLOW_REPEATS)
     except MotionError as error:
         why = f"{type(error).__name__}: {error}"
-        return [Figure("speed", name, math.nan, "x", most=WHOLE, note=why, missed=True)]
-    work = took["whole"] - took["load"]
+        return [Figure("speed", name, math.nan, "x", most=WHOLE, note=why, failed=True)]
+    work = seconds["whole"] - seconds["load"]
     return [
-        Figure("speed", f"adaptation and validation on {scene}", 1000 * took["whole"], "ms"),
-        Figure("speed", "of that, composing and compiling", 1000 * took["load"], "ms"),
-        Figure("speed", name, work / took["fit"], "x", most=WHOLE, note="without compiling"),
+        Figure("speed", f"adaptation and validation on {scene}", 1000 * seconds["whole"], "ms"),
+        Figure("speed", "of that, composing and compiling", 1000 * seconds["load"], "ms"),
+        Figure("speed", name, work / seconds["fit"], "x", most=WHOLE, note="without compiling"),
     ]

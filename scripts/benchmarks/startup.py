@@ -1,33 +1,34 @@
-"""How long the command line and the library take to be there."""
+"""How long the command line and the library take to start."""
 
 from __future__ import annotations
 
-import math
 import subprocess
 import sys
-from collections.abc import Callable
+from functools import partial
 
-from benchmarks.figures import Figure, seconds
+from benchmarks.figures import Print, print_figures
+from mjmotion.paper.figures import Figure
+from mjmotion.paper.timing import run_in_turns
 
 MOST = 0.5  # [s]
 REPEATS = 7
+COMMANDS = {
+    "import mjmotion": (sys.executable, "-c", "import mjmotion"),
+    "mjmotion --help": (sys.executable, "-m", "mjmotion", "--help"),
+}
 
 
-def run(say: Callable[[str], None], repeats: int = REPEATS) -> list[Figure]:
+def run(print_line: Print, repeats: int = REPEATS) -> list[Figure]:
     """Return the best time of several, each in a process of its own."""
-    commands = {
-        "import mjmotion": [sys.executable, "-c", "import mjmotion"],
-        "mjmotion --help": [sys.executable, "-m", "mjmotion", "--help"],
+    tasks = {
+        name: partial(subprocess.run, command, check=True, stdout=subprocess.DEVNULL)
+        for name, command in COMMANDS.items()
     }
-    figures = []
-    for name, command in commands.items():
-        best = math.inf
-        for _ in range(repeats):
-            best = min(best, seconds(lambda words=command: _call(words)))  # type: ignore[misc]
-        figures.append(Figure("cli", name, best, "s", most=MOST))
-        say(figures[-1].line())
-    return figures
-
-
-def _call(command: list[str]) -> None:
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    runs = run_in_turns(tasks, repeats)
+    return print_figures(
+        [
+            Figure("cli", name, min(seconds for seconds, _ in runs[name]), "s", most=MOST)
+            for name in COMMANDS
+        ],
+        print_line,
+    )
