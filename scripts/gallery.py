@@ -162,16 +162,14 @@ def paper_transition(out: Path) -> int:
     from mjmotion.output.result import Result
     from mjmotion.output.results import result_folder, write_results
     from mjmotion.paper.transition import make_job
-    from mjmotion.scene import compose, load_scene
+    from mjmotion.scene import compose
     from mjmotion.validation import validate
 
     job = make_job()
     result = job.fit()
-    spec = compose("humanoid", load_scene("flat"))
-    model = spec.compile()
-    whole = Result(
-        job.motion.on(model), result.motion.on(model), job.contacts, result.trace, (), spec
-    )
+    composed = compose("humanoid", "flat")
+    source, motion = job.motion.on(composed), result.motion.on(composed)
+    whole = Result(source, motion, job.contacts, result.trace, ())
     measured = validate(whole.source, whole.motion, whole.contacts)
     with result_folder(out, force=True) as folder:
         write_results(folder, whole, measured, title="Walking, sneaking, walking")

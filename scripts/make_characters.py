@@ -12,7 +12,7 @@ from pathlib import Path
 import mujoco
 
 from mjmotion.body.assets import asset_folder
-from mjmotion.body.proportions import Proportions, flexible_spine, load_spec, make_character
+from mjmotion.body.proportions import Proportions, flexible_spine, make_character
 
 DECIMALS = 6  # of every number in the files
 
@@ -90,14 +90,14 @@ def main() -> None:
             f" torso {small.torso:g}, head {small.head:g} and feet {small.feet:g}.",
         ),
         "humanoid_flexible": (
-            flexible_spine(load_spec("humanoid"), SPINE),
+            flexible_spine("humanoid", SPINE),
             "The humanoid with a spine of three segments that share the three DOFs of one ball"
             " joint: spine_i turns by exp(share_i w), with the shares of the tuple couple_spine.",
         ),
     }
-    for name, (spec, words) in characters.items():
+    for name, (character, words) in characters.items():
         path = folder / f"{name}.xml"
-        write(path, spec, words)
+        write(path, character.spec.copy(), words)
         model = mujoco.MjModel.from_xml_path(str(path))
         print(f"{path.name}: {model.nv} DOFs, {model.body_mass.sum():.1f} kg")
 

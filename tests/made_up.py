@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from mjmotion.body.assets import find_asset
-from mjmotion.body.joint_limits import clamp_to_limits
+from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
 
@@ -60,7 +60,7 @@ def random_poses(model: mujoco.MjModel, count: int, seed: int, size: float = 0.3
     for joint in range(model.njnt):
         if model.joint(joint).name.endswith(("_knee", "_elbow")):
             qpos[:, model.jnt_qposadr[joint]] = rng.uniform(0.5, 1.2, count)
-    return clamp_to_limits(model, qpos)
+    return Character.of(model).limits.clamp(qpos)
 
 
 def loop_sites(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:

@@ -9,18 +9,16 @@ import numpy as np
 import pytest
 from made_up import humanoid, loop_sites, walk
 
-from mjmotion.apps.adaptation import adapt, place, plan, stiff_root
-from mjmotion.body.joint_limits import limit_excess
+from mjmotion.apps.adaptation import adapt, place, stiff_root
 from mjmotion.body.kinematics import character_geoms
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import ConstraintError, ContactError, FitError, ModelError, SceneError
 from mjmotion.footsteps.contacts import Contact, detect_contacts
-from mjmotion.ik.solver import default_weights
+from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.tangent import ominus
 from mjmotion.output.result import Result
 from mjmotion.scene import Doorway, Scene, doors, flat, load_scene, slope, stairs
-from mjmotion.scene.ground import Ground
 
 DRIFT = 1e-3  # of a contact's site over its contact [m]
 GAP = 2e-3  # of a contact's site over planes and steps [m]
@@ -52,7 +50,7 @@ def adapted(name: str, ik: str = "hybrid") -> Result:
 
 def drift_and_gap(result: Result, where: Scene) -> tuple[float, float]:
     """Largest drift of a contact's site, and height over the ground, from MuJoCo itself [m]."""
-    sites, ground = loop_sites(result.motion.model, result.motion.qpos), Ground(where)
+    sites, ground = loop_sites(result.motion.model, result.motion.qpos), where.ground
     drift, gap = 0.0, 0.0
     for contact in result.contacts:
         site = result.motion.model.site(contact.site).id
@@ -67,7 +65,7 @@ def test_contacts_hold_and_limits_are_kept(name: str) -> None:
     result = adapted(name)
     drift, gap = drift_and_gap(result, scene(name))
     assert drift < DRIFT and gap < GAP
-    assert limit_excess(result.motion.model, result.motion.qpos).max() < LIMIT
+    assert result.motion.character.limits.excess(result.motion.qpos).max() < LIMIT
     assert len(result.contacts) >= 8 and result.unmet == ()
     assert result.motion.nframe == result.source.nframe == clip().nframe
     assert result.motion.fps == result.source.fps == 30.0
@@ -253,15 +251,15 @@ def test_bad_settings() -> None:
 
 
 def test_the_plan_and_its_parts() -> None:
-    what = plan(clip(), scene("doors"))
+    what = make_plan(clip(), scene("doors"))
     assert {o.name for o in what.obstacles if o.tall}
     assert what.root_shift.shape == (clip().nframe, 3)
     assert [c.site for c in what.constraints()] == ["left_foot", "right_foot"]
-    assert plan(clip(), scene("flat")).obstacles == ()
+    assert make_plan(clip(), scene("flat")).obstacles == ()
     stages: list[str] = []
     adapt(clip(), scene("doors"), progress=stages.append)
     assert stages == ["contacts and footholds", "clearances", "fit"]
-    weights = stiff_root(humanoid()) / default_weights(humanoid())
+    weights = stiff_root(humanoid()) / default_rigidity(humanoid())
     assert (weights[:6] > 1.0).all() and (weights[6:] == 1.0).all()
 
 
@@ -279,4 +277,4 @@ def test_the_shipped_terrain() -> None:
     result = adapt(clip(), where)
     drift, gap = drift_and_gap(result, where)
     assert drift < DRIFT and gap < 0.03  # [m]
-    assert limit_excess(result.motion.model, result.motion.qpos).max() < LIMIT
+    assert result.motion.character.limits.excess(result.motion.qpos).max() < LIMIT

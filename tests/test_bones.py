@@ -133,13 +133,15 @@ def test_closed_limbs_reach_their_targets(nframe: int | None) -> None:
         place = loop_site(model, qpos, bones, site) + 0.01 * rng.normal(size=(12, 3))
         targets.append(SiteConstraint(site, np.arange(12), place, pin(model, qpos, site).quat))
     laid = lay_out(targets, model, 12)
-    solution = HybridIK(model, bones=bones).enforce(qpos, laid)
+    solution = HybridIK(model, bones=bones).prepare(laid).enforce(qpos)
     closed = oplus(model, qpos, solution.displacement)
     for constraint in targets:
         place = loop_site(model, closed, bones, constraint.site)
         np.testing.assert_allclose(place, some(constraint.position), atol=1e-8)
     assert (solution.displacement[:, :6] == 0.0).all()
-    numeric = oplus(model, qpos, NumericIK(model, bones=bones).enforce(qpos, laid).displacement)
+    numeric = oplus(
+        model, qpos, NumericIK(model, bones=bones).prepare(laid).enforce(qpos).displacement
+    )
     for constraint in targets:
         place = loop_site(model, numeric, bones, constraint.site)
         np.testing.assert_allclose(place, some(constraint.position), atol=1e-5)

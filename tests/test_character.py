@@ -10,14 +10,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmotion.body import joint_limits as limits
 from mjmotion.body.assets import find_asset
-from mjmotion.body.joint_coupling import coupled_joints
+from mjmotion.body.character import Character
 from mjmotion.body.proportions import (
     Proportions,
     find_parts,
     flexible_spine,
-    load_spec,
     make_character,
 )
 from mjmotion.body.proportions.proportions import stretch
@@ -104,8 +102,8 @@ SOURCES = [
 @pytest.mark.parametrize("source", SOURCES)
 def test_a_size_scales_lengths_masses_and_inertias(source: object) -> None:
     s = 1.7
-    before = load_spec(source).compile()  # type: ignore[arg-type]
-    after = make_character(source, Proportions(size=s)).compile()  # type: ignore[arg-type]
+    before = Character.load(source).spec.compile()  # type: ignore[arg-type]
+    after = make_character(source, Proportions(size=s)).model  # type: ignore[arg-type]
     mine = before.body_rootid == before.body_rootid[before.jnt_bodyid[0]]
     np.testing.assert_allclose(after.body_mass[mine], s**3 * before.body_mass[mine], rtol=1e-6)
     # Principal axes may swap where two moments are all but equal.
@@ -134,8 +132,8 @@ def spin(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 @pytest.mark.parametrize("source", SOURCES)
 def test_parts_grow_by_their_factors_and_soles_stay_down(source: object) -> None:
     factors = Proportions(legs=1.25, torso=0.8, arms=0.85)
-    before = load_spec(source).compile()  # type: ignore[arg-type]
-    after = make_character(source, factors).compile()  # type: ignore[arg-type]
+    before = Character.load(source).spec.compile()  # type: ignore[arg-type]
+    after = make_character(source, factors).model  # type: ignore[arg-type]
     old, new = find_parts(before), find_parts(after)
     for limbs, others, factor in ((old.legs, new.legs, 1.25), (old.arms, new.arms, 0.85)):
         for limb, other in zip(limbs, others, strict=True):
@@ -185,8 +183,8 @@ def test_the_parts_of_a_real_robot() -> None:
 
 
 def test_lengths_times_widths_squared_make_masses() -> None:
-    before = load_spec("humanoid").compile()
-    after = make_character("humanoid", Proportions(legs=1.3, width=0.9, head=1.2)).compile()
+    before = Character.load("humanoid").spec.compile()
+    after = make_character("humanoid", Proportions(legs=1.3, width=0.9, head=1.2)).model
     for body, factor in (
         ("left_thigh", 1.3 * 0.81),
         ("torso", 0.81),
@@ -209,7 +207,7 @@ def test_an_inertia_is_that_of_the_stretched_points() -> None:
     expected = inertia_of(np.einsum("n,ni,nj->ij", weights, moved, moved))
     np.testing.assert_allclose(inertia_of(bent @ moments(inertia) @ bent.T), expected, atol=1e-9)
     # And that is what a character's bodies get: a full inertia about axes of their own.
-    before, after = robot().compile(), make_character(robot(), Proportions(legs=1.5)).compile()
+    before, after = robot().compile(), make_character(robot(), Proportions(legs=1.5)).model
     body = before.body("l_c").id
     full = []
     for model in (before, after):
@@ -254,11 +252,13 @@ def test_principal_axes_stay_near_the_old_ones() -> None:
 
 def test_what_refers_to_parts_stays_valid() -> None:
     before = robot().compile()
-    after = make_character(robot(), Proportions(legs=1.5, arms=0.5, torso=1.2)).compile()
+    after = make_character(robot(), Proportions(legs=1.5, arms=0.5, torso=1.2)).model
     assert after.nexclude == before.nexclude and after.ntuple == before.ntuple
     assert after.nsensor == before.nsensor and after.nu == before.nu
     np.testing.assert_array_equal(after.jnt_range, before.jnt_range)
-    np.testing.assert_array_equal(limits.ball_limits(after)[before.joint("l_up").id][:, 1], 1.0)
+    np.testing.assert_array_equal(
+        Character.of(after).limits.boxes[before.joint("l_up").id][:, 1], 1.0
+    )
     # The tendon's bounds go with its length, the connection's anchor with its foot.
     ratio = after.tendon_length0 / before.tendon_length0
     np.testing.assert_allclose(after.tendon_range[0] / before.tendon_range[0], ratio[0])
@@ -269,7 +269,7 @@ def test_what_refers_to_parts_stays_valid() -> None:
 
 
 def test_a_keyframe_stays_on_the_ground() -> None:
-    models = robot().compile(), make_character(robot(), Proportions(legs=1.4, feet=1.3)).compile()
+    models = robot().compile(), make_character(robot(), Proportions(legs=1.4, feet=1.3)).model
     lowest = []
     for model in models:
         data = mujoco.MjData(model)
@@ -290,7 +290,7 @@ def test_a_head_without_a_body_grows_above_the_neck() -> None:
     spec = mujoco.MjSpec.from_string(text)
     parts = find_parts(spec.compile())
     assert parts.head == () and len(parts.head_geoms) == 1
-    model = make_character(spec, Proportions(head=2.0, torso=0.5)).compile()
+    model = make_character(spec, Proportions(head=2.0, torso=0.5)).model
     head = model.geom("ball")
     assert head.size[0] == pytest.approx(0.2)
     # Its foot, 0.5 over the trunk, comes down with the trunk; it stands on that.
@@ -301,7 +301,7 @@ def test_the_source_is_not_changed() -> None:
     spec = robot()
     before = spec.to_xml()
     make_character(spec, Proportions(legs=2.0))
-    flexible_spine(humanoid := load_spec("humanoid"))
+    flexible_spine(humanoid := Character.load("humanoid").spec)
     assert spec.to_xml() == before
     assert humanoid.joint("spine") is not None
 
@@ -328,7 +328,7 @@ def test_models_that_are_no_humanoids_are_refused() -> None:
     biped = f"""<mujoco><asset><mesh name="bar" vertex="-.03 -.03 0 .03 -.03 0 0 .03 0 0 0 -.3"/>
       </asset><worldbody><body pos="0 0 .9"><freejoint/><geom size=".1"/>{legs}</body></worldbody>
       </mujoco>"""
-    assert make_character(mujoco.MjSpec.from_string(biped), Proportions(legs=2.0)).compile()
+    assert make_character(mujoco.MjSpec.from_string(biped), Proportions(legs=2.0)).model
     with pytest.raises(ModelError, match="no arms to scale"):
         make_character(mujoco.MjSpec.from_string(biped), Proportions(arms=2.0))
     with pytest.raises(ModelError, match="unknown model"):
@@ -344,7 +344,7 @@ def test_the_shipped_characters_are_what_the_script_makes() -> None:
     made = {
         "climber": make_character("humanoid", script.CLIMBER),
         "child": make_character("humanoid", script.child()),
-        "humanoid_flexible": flexible_spine(load_spec("humanoid"), script.SPINE),
+        "humanoid_flexible": flexible_spine(Character.load("humanoid").spec, script.SPINE),
     }
     for name, spec in made.items():
         shipped = mujoco.MjModel.from_xml_path(str(find_asset("model", name)))
@@ -377,7 +377,7 @@ def test_the_child_has_a_childs_measures() -> None:
 
 
 def flexible() -> tuple[mujoco.MjModel, mujoco.MjModel]:
-    rigid = load_spec("humanoid")
+    rigid = Character.load("humanoid").spec
     return rigid.compile(), flexible_spine(rigid, (0.5, 0.3, 0.2)).compile()
 
 
@@ -403,7 +403,7 @@ def test_a_flexible_spine_is_the_rigid_one_at_rest() -> None:
 
 def test_a_flexible_spine_says_its_shares() -> None:
     rigid, bent = flexible()
-    (group,) = coupled_joints(bent)
+    (group,) = Character.of(bent).coupling.groups
     assert group.name == "spine" and group.shares == (0.5, 0.3, 0.2)
     names = [bent.joint(i).name for i in range(bent.njnt)]
     old = [rigid.joint(i).name for i in range(rigid.njnt)]
@@ -413,14 +413,16 @@ def test_a_flexible_spine_says_its_shares() -> None:
         *("spine_lower", "spine_middle", "spine_upper"),
         *old[spine + 1 :],
     ]
-    box = limits.ball_limits(rigid)[rigid.joint("spine").id]
-    np.testing.assert_allclose(limits.ball_limits(bent)[bent.joint("spine_middle").id], 0.3 * box)
+    box = Character.of(rigid).limits.boxes[rigid.joint("spine").id]
+    np.testing.assert_allclose(
+        Character.of(bent).limits.boxes[bent.joint("spine_middle").id], 0.3 * box
+    )
     assert bent.body(bent.body("neck").parentid[0]).name == "chest"
     assert bent.body(bent.body("right_upper_arm").parentid[0]).name == "chest"
 
 
 def test_a_flexible_spine_keeps_what_refers_to_the_rest() -> None:
-    spec = load_spec("humanoid")
+    spec = Character.load("humanoid").spec
     spec.add_exclude(name="apart", bodyname1="head", bodyname2="left_hand")
     spec.add_sensor(
         name="elbow",
@@ -432,7 +434,9 @@ def test_a_flexible_spine_keeps_what_refers_to_the_rest() -> None:
     assert model.nexclude == 1 and model.nsensor == 1
     assert model.sensor_objid[0] == model.joint("left_elbow").id
     # And one of other proportions can be made from it, its parts told as before.
-    tall = make_character(flexible_spine(load_spec("humanoid")), Proportions(torso=1.5)).compile()
+    tall = make_character(
+        flexible_spine(Character.load("humanoid").spec), Proportions(torso=1.5)
+    ).model
     assert len(find_parts(tall).trunk) == 4
     assert tall.body("middle_back").pos[2] == pytest.approx(1.5 * model.body("middle_back").pos[2])
 
@@ -440,7 +444,7 @@ def test_a_flexible_spine_keeps_what_refers_to_the_rest() -> None:
 @pytest.mark.parametrize("shares", [(0.5, 0.5), (0.5, 0.6, 0.2), (1.2, -0.1, -0.1)])
 def test_shares_that_make_no_spine_are_refused(shares: tuple[float, ...]) -> None:
     with pytest.raises(ModelError, match="shares"):
-        flexible_spine(load_spec("humanoid"), shares)
+        flexible_spine(Character.load("humanoid").spec, shares)
 
 
 def test_a_spine_that_is_no_ball_is_refused() -> None:

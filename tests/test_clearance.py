@@ -10,7 +10,7 @@ import pytest
 from made_up import humanoid, walk
 
 from mjmotion.body.assets import find_asset
-from mjmotion.body.feet import find_feet
+from mjmotion.body.character import Character
 from mjmotion.body.kinematics import character_geoms
 from mjmotion.footsteps.obstacles import (
     MARGIN,
@@ -42,7 +42,7 @@ PATH = np.column_stack((np.linspace(0.0, 2.0, 31), np.zeros(31), np.full(31, 0.9
 
 def clearance(body: str, nframe: int = 40, path: np.ndarray = PATH) -> ObstacleClearance:
     obstacles = find_obstacles(compiled(body), path, ())
-    return ObstacleClearance(character(), obstacles, find_feet(humanoid()), nframe)
+    return ObstacleClearance(character(), obstacles, Character.of(humanoid()).feet, nframe)
 
 
 def standing(*x: float, z: float | None = None) -> np.ndarray:
@@ -134,7 +134,7 @@ def test_distances_are_mujocos() -> None:
     box = spec.worldbody.add_geom(name="kerb", size=(0.1, 1.0, 0.2), pos=(1.0, 0.0, 0.2))
     box.type = mujoco.mjtGeom.mjGEOM_BOX
     model = spec.compile()
-    data, feet = mujoco.MjData(model), {foot.body for foot in find_feet(humanoid())}
+    data, feet = mujoco.MjData(model), {foot.body for foot in Character.of(humanoid()).feet}
     solids = [g for g in character_geoms(model, colliding=True) if model.geom_bodyid[g] not in feet]
     keep = clearance(kerb)
     places = (0.83, 0.85, 0.87, 0.90)

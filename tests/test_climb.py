@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from made_up import humanoid, mixed, some
 
-from mjmotion.body.joint_limits import limit_excess
 from mjmotion.body.kinematics import Kinematics, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
@@ -76,7 +75,7 @@ def test_constraints_hold_in_the_clip() -> None:
 
 def test_the_body_allows_it() -> None:
     motion = climb()
-    assert limit_excess(motion.model, motion.qpos).max() < 1e-9
+    assert motion.character.limits.excess(motion.qpos).max() < 1e-9
     speed = np.linalg.norm(np.diff(motion.qpos[:, :3], axis=0), axis=1) * motion.fps
     assert speed.max() < 1.0
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mjmotion.body.assets import find_asset
-from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
 from mjmotion.clips import find_rig, load_clip, map_clip, read_clip, write_csv
 from mjmotion.clips.bvh import read_bvh
@@ -509,7 +509,7 @@ def test_recordings_map(name: str, mapped: Callable[[str], Mapped], model: mujoc
     assert result.up == "y"
     assert motion.fps == 120
     np.testing.assert_allclose(motion.qpos[0, :2], 0, atol=1e-9)
-    assert limit_excess(model, motion.qpos).max() < 1e-9
+    assert Character.of(model).limits.excess(motion.qpos).max() < 1e-9
     # Numbers of neighbouring frames stay near: no quaternion changes its sign.
     assert np.abs(np.diff(motion.qpos, axis=0)).max() < 0.35
     assert motion.nframe == read_bvh(recording("bvh", name)).nframe - (name == "12_01_other_rig")

@@ -11,8 +11,7 @@ from made_up import humanoid, loop_quats, loop_sites, pin, some
 from made_up import random_poses as poses
 
 from mjmotion.body.assets import find_asset
-from mjmotion.body.joint_coupling import couple, coupled_joints, coupling, shared_turn
-from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint, lay_out
 from mjmotion.exceptions import ModelError
@@ -20,7 +19,7 @@ from mjmotion.fitting import fit
 from mjmotion.ik import parameters
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.solver import default_weights
+from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.rotations import conjugate, exp, log, multiply
 from mjmotion.numerics.tangent import ominus, oplus
 
@@ -73,8 +72,8 @@ def turn_of(model: mujoco.MjModel, qpos: np.ndarray, joint: str) -> np.ndarray:
 def unequal(model: mujoco.MjModel, qpos: np.ndarray) -> float:
     """How far any coupled joint is from its share of its group's turn [rad], worst frame."""
     worst = 0.0
-    for group in coupled_joints(model):
-        shared = shared_turn(model, group, qpos)
+    for group in Character.of(model).coupling.groups:
+        shared = Character.of(model).coupling.shared_turn(group, qpos)
         for joint, share in zip(group.joints, group.shares, strict=True):
             off = turn_of(model, qpos, model.joint(joint).name) - share * shared
             worst = max(worst, float(np.abs(off).max()))
@@ -82,7 +81,7 @@ def unequal(model: mujoco.MjModel, qpos: np.ndarray) -> float:
 
 
 def shares_of(model: mujoco.MjModel) -> dict[str, float]:
-    (group,) = coupled_joints(model)
+    (group,) = Character.of(model).coupling.groups
     return {model.joint(j).name: s for j, s in zip(group.joints, group.shares, strict=True)}
 
 
@@ -119,22 +118,22 @@ def worst(result: Motion, constraints: list[SiteConstraint]) -> float:
 
 
 def test_the_flexible_spine_is_read() -> None:
-    (group,) = coupled_joints(flexible())
+    (group,) = Character.of(flexible()).coupling.groups
     assert group.name == "spine"
     assert tuple(flexible().joint(joint).name for joint in group.joints) == SPINE
     assert sum(group.shares) == pytest.approx(1.0, abs=1e-5) and min(group.shares) > 0.1
-    found = coupling(flexible())
+    found = Character.of(flexible()).coupling
     assert len(found.leader) == 6 and found
     leader = flexible().joint(SPINE[0]).dofadr[0] + np.arange(3)
     np.testing.assert_array_equal(found.leader, [*leader, *leader])
     ratios = np.repeat(group.shares[1:], 3) / group.shares[0]
     np.testing.assert_allclose(found.ratio, ratios, rtol=1e-9)
-    assert not coupling(humanoid()) and coupled_joints(humanoid()) == ()
+    assert not Character.of(humanoid()).coupling and Character.of(humanoid()).coupling.groups == ()
 
 
 def test_tuples_of_other_names_are_not_ours() -> None:
     text = tied(("one", -3.0), name="something")
-    assert coupled_joints(mujoco.MjModel.from_xml_string(FINGER.format(text))) == ()
+    assert Character.of(mujoco.MjModel.from_xml_string(FINGER.format(text))).coupling.groups == ()
 
 
 BAD_TUPLES = {
@@ -160,17 +159,17 @@ def test_bad_tuples(case: str) -> None:
     text, message = BAD_TUPLES[case]
     model = mujoco.MjModel.from_xml_string(FINGER.format(text))
     with pytest.raises(ModelError, match=message) as caught:
-        coupling(model)
+        Character.of(model).coupling
     assert "\n" not in str(caught.value)
 
 
 def test_a_ball_and_a_hinge_and_ranges_that_exclude_each_other() -> None:
     with pytest.raises(ModelError, match="one kind"):
-        coupling(with_tuple(("spine", 1.0), ("left_knee", 1.0)))
+        Character.of(with_tuple(("spine", 1.0), ("left_knee", 1.0))).coupling
     text = FINGER.format(tied(("one", 1.0), ("two", 1.0)))
     text = text.replace('range="-1 1"/><geom', 'range="-1 -.6"/><geom')
     with pytest.raises(ModelError, match="no turn that the ranges"):
-        coupling(mujoco.MjModel.from_xml_string(text))
+        Character.of(mujoco.MjModel.from_xml_string(text)).coupling
 
 
 # Shares
@@ -182,11 +181,11 @@ def test_couple_gives_every_joint_its_share(name: str) -> None:
     model = flexible() if name == "flexible" else finger()
     qpos = poses(model, 20, 1, 0.1)
     before = qpos.copy()
-    coupled = couple(model, qpos)
+    coupled = Character.of(model).coupling.couple(qpos)
     assert unequal(model, qpos) > 0.01 and unequal(model, coupled) < SHARE
     np.testing.assert_array_equal(qpos, before)
-    np.testing.assert_allclose(couple(model, coupled), coupled, atol=1e-12)
-    (group,) = coupled_joints(model)
+    np.testing.assert_allclose(Character.of(model).coupling.couple(coupled), coupled, atol=1e-12)
+    (group,) = Character.of(model).coupling.groups
     joints = [model.joint(joint).name for joint in group.joints]
     others = np.ones(model.nq, dtype=bool)
     for joint in joints:
@@ -196,7 +195,9 @@ def test_couple_gives_every_joint_its_share(name: str) -> None:
     shares = np.array(group.shares)
     turns = np.stack([turn_of(model, qpos, joint) for joint in joints], axis=1)
     best = np.linalg.lstsq(shares[:, None], turns.swapaxes(0, 1).reshape(len(shares), -1))[0]
-    np.testing.assert_allclose(shared_turn(model, group, coupled).ravel(), best.ravel(), atol=1e-9)
+    np.testing.assert_allclose(
+        Character.of(model).coupling.shared_turn(group, coupled).ravel(), best.ravel(), atol=1e-9
+    )
 
 
 def test_a_range_bounds_the_whole_group() -> None:
@@ -205,7 +206,7 @@ def test_a_range_bounds_the_whole_group() -> None:
     qpos = np.tile(model.qpos0, (2, 1))
     qpos[0, 7:10] = (-0.9, -1.8, -0.45)
     qpos[1, 7:10] = (0.9, 1.8, 0.45)
-    coupled = couple(model, qpos)
+    coupled = Character.of(model).coupling.couple(qpos)
     np.testing.assert_allclose(coupled[0, 7:10], (-0.2, -0.4, -0.1), atol=1e-12)
     np.testing.assert_allclose(coupled[1, 7:10], (0.5, 1.0, 0.25), atol=1e-12)
 
@@ -218,14 +219,14 @@ def test_a_spine_bends_as_far_as_its_joints_go() -> None:
         for joint, share in shares.items():
             at = model.joint(joint).qposadr[0]
             qpos[row, at : at + 4] = exp(np.array((0.0, share * angle, 0.0)))
-    coupled = couple(model, qpos)
+    coupled = Character.of(model).coupling.couple(qpos)
     boxes = {joint: model.numeric(f"limit_{joint}").data[2:4] for joint in SPINE}
     back = max(boxes[joint][0] / share for joint, share in shares.items())
     front = min(boxes[joint][1] / share for joint, share in shares.items())
     for joint, share in shares.items():
         wanted = [(0.0, share * front, 0.0), (0.0, share * back, 0.0)]
         np.testing.assert_allclose(turn_of(model, coupled, joint), wanted, atol=1e-5)
-    assert limit_excess(model, coupled).max() < 1e-8
+    assert Character.of(model).limits.excess(coupled).max() < 1e-8
 
 
 @pytest.mark.parametrize("name", ["flexible", "finger"])
@@ -235,11 +236,15 @@ def test_gather_and_spread_are_finite_differences(name: str) -> None:
     site = "left_hand" if name == "flexible" else "tip"
     qpos = np.tile(model.qpos0, (3, 1)) if name == "flexible" else poses(model, 3, 2, 0.05)
     if name == "flexible":
-        qpos = couple(model, poses(model, 3, 2, 0.05))
+        qpos = Character.of(model).coupling.couple(poses(model, 3, 2, 0.05))
         for joint in SPINE:  # at a bent spine shares are first order only: begin at a straight one
             at = model.joint(joint).qposadr[0]
             qpos[:, at : at + 4] = (1.0, 0.0, 0.0, 0.0)
-    qpos, found, step = couple(model, qpos), coupling(model), 1e-6
+    qpos, found, step = (
+        Character.of(model).coupling.couple(qpos),
+        Character.of(model).coupling,
+        1e-6,
+    )
     data, jacp, jacr = mujoco.MjData(model), np.empty((3, model.nv)), np.empty((3, model.nv))
     for row in qpos:
         data.qpos[:] = row
@@ -252,7 +257,7 @@ def test_gather_and_spread_are_finite_differences(name: str) -> None:
             unit = np.zeros((1, model.nv))
             unit[0, dof] = step
             spread = found.spread(unit)
-            moved = couple(model, oplus(model, row[None], spread))
+            moved = Character.of(model).coupling.couple(oplus(model, row[None], spread))
             # What couple makes of it is what spread said, to first order.
             np.testing.assert_allclose(ominus(model, moved, row[None]), spread, atol=1e-9)
             place = loop_sites(model, np.stack((row, moved[0])))[:, model.site(site).id]
@@ -263,7 +268,7 @@ def test_gather_and_spread_are_finite_differences(name: str) -> None:
 
 
 def test_weights_are_what_the_whole_group_costs() -> None:
-    model, found = finger(), coupling(finger())
+    model, found = finger(), Character.of(finger()).coupling
     weights = np.random.default_rng(3).uniform(0.5, 2.0, model.nv)
     displacement = found.spread(np.random.default_rng(4).normal(size=(1, model.nv)))[0]
     leads = np.ones(model.nv, dtype=bool)
@@ -278,9 +283,9 @@ def test_weights_are_what_the_whole_group_costs() -> None:
 @pytest.mark.parametrize("solver", [NumericIK, HybridIK])
 def test_solvers_move_the_spine_as_one(solver: type) -> None:
     model = flexible()
-    qpos = couple(model, poses(model, 6, 5, 0.1))
+    qpos = Character.of(model).coupling.couple(poses(model, 6, 5, 0.1))
     targets = lay_out([pin(model, qpos, site, (0.03, 0.02, -0.02)) for site in HANDS], model, 6)
-    displacement = solver(model).solve(qpos, targets).displacement
+    displacement = solver(model).prepare(targets).solve(qpos).displacement
     whole = [
         displacement[:, model.joint(joint).dofadr[0] + np.arange(3)] / share
         for joint, share in shares_of(model).items()
@@ -293,13 +298,16 @@ def test_solvers_move_the_spine_as_one(solver: type) -> None:
 def test_numeric_ik_finds_the_least_turn_of_all() -> None:
     """A row of hinges in the plane: its one degree of freedom and the root share a displacement."""
     model = finger()
-    qpos, found = couple(model, np.tile(model.qpos0, (1, 1))), coupling(finger())
+    qpos, found = (
+        Character.of(model).coupling.couple(np.tile(model.qpos0, (1, 1))),
+        Character.of(finger()).coupling,
+    )
     weights = np.full(model.nv, 1.0)
     weights[:6] = 1e6
     shift = (0.0, 0.0, -0.05)
     tip = pin(model, qpos, "tip", shift)
     targets = lay_out([SiteConstraint("tip", tip.frames, tip.position, weight=0.9)], model, 1)
-    solution = NumericIK(model, weights, iterations=20).solve(qpos, targets)
+    solution = NumericIK(model, weights, iterations=20).prepare(targets).solve(qpos)
     angle = solution.displacement[0, 6:9]
     np.testing.assert_allclose(angle, angle[0] * np.array((1.0, 2.0, 0.5)), atol=1e-9)
     # The wish's own minimum over the one angle: cost of the joints and of what is left, softly.
@@ -322,7 +330,7 @@ def test_a_fit_keeps_the_shares(ik: str) -> None:
     constraints = reaching(motion, (0.2, 0.05, -0.1))
     result = fit(motion, constraints, ik=ik)
     assert unequal(flexible(), result.motion.qpos) < SHARE
-    assert limit_excess(flexible(), result.motion.qpos).max() < 1e-8
+    assert Character.of(flexible()).limits.excess(result.motion.qpos).max() < 1e-8
     assert result.trace.exact_error_percent < EXACT and worst(result.motion, constraints) < 1e-4
     assert np.abs(turn_of(flexible(), result.motion.qpos, SPINE[1])).max() > 0.01
 
@@ -334,7 +342,7 @@ def test_a_spine_at_its_limit_leaves_the_rest_to_others(ik: str) -> None:
     constraints = reaching(motion, (0.3, 0.1, -0.3))
     result = fit(motion, constraints, ik=ik)
     assert unequal(flexible(), result.motion.qpos) < SHARE
-    assert limit_excess(flexible(), result.motion.qpos).max() < 1e-8
+    assert Character.of(flexible()).limits.excess(result.motion.qpos).max() < 1e-8
     assert worst(result.motion, constraints) < 1e-3 and result.unmet == ()
     front = flexible().numeric(f"limit_{SPINE[0]}").data[3]
     bent = turn_of(flexible(), result.motion.qpos, SPINE[0])[:, 1].max()
@@ -395,4 +403,4 @@ def test_followers_are_no_parameters() -> None:
     for case in ("leader carries limbs", "follower carries limbs"):
         assert parameters(with_tuple(*TIED[case]), (*FEET, *HANDS)) == (37, 13)
     assert parameters(finger(), ["tip"])[0] == 8
-    assert default_weights(flexible()).shape == (flexible().nv,)
+    assert default_rigidity(flexible()).shape == (flexible().nv,)

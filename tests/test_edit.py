@@ -15,7 +15,6 @@ from made_up import MIXED, humanoid, loop_quats, loop_sites, mixed, walk
 
 from mjmotion.apps.edit import HOLDS, Span, deformation, edit_frame
 from mjmotion.apps.edit.ranges import write_ranges
-from mjmotion.body.joint_limits import limit_excess
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ConstraintError, ContactError, FitError, ModelError
 from mjmotion.footsteps.contacts import Contact, detect_contacts
@@ -120,7 +119,7 @@ def test_the_pelvis_sinks_over_knees_that_bend_and_feet_that_stay(sunk: Result) 
         knee = after.model.joint(f"{name.split('_')[0]}_knee").qposadr[0]
         assert after.qpos[FRAME, knee] > before.qpos[FRAME, knee] + 0.3
     assert not sunk.unmet
-    assert limit_excess(after.model, after.qpos).max() < 1e-9
+    assert after.character.limits.excess(after.qpos).max() < 1e-9
 
 
 def test_nothing_that_stands_slides_anywhere_in_the_range(sunk: Result) -> None:
@@ -200,7 +199,7 @@ def test_a_drag_out_of_reach_goes_as_far_as_the_feet_let_it(clip: Motion, by: tu
         if contact.start <= FRAME < contact.end:
             gap = site(edited.motion, contact.site) - site(edited.source, contact.site)
             assert np.linalg.norm(gap[FRAME]) < 2e-3, contact
-    assert limit_excess(edited.motion.model, edited.motion.qpos).max() < 1e-9
+    assert edited.motion.character.limits.excess(edited.motion.qpos).max() < 1e-9
 
 
 def test_levels_refine(sunk: Result) -> None:

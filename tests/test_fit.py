@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from made_up import humanoid, loop_quats, loop_sites, mixed, pin, some, walk
 
-from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint, lay_out
 from mjmotion.exceptions import ConstraintError, FitError, ModelError
 from mjmotion.fitting import Fit, default_levels, fit, residuals
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.solver import default_weights
+from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.bspline import fit_level
 from mjmotion.numerics.rotations import conjugate, log, multiply
 from mjmotion.numerics.tangent import ominus, oplus
@@ -105,7 +105,7 @@ def test_the_exact_pass_is_exact(ik: str) -> None:
     for constraint in constraints:
         quat = loop_quats(motion.model, motion.qpos, constraint.site)
         assert np.abs(log(multiply(conjugate(quat), some(constraint.quat)))).max() < 1e-3
-    assert limit_excess(motion.model, motion.qpos).max() < 1e-9
+    assert motion.character.limits.excess(motion.qpos).max() < 1e-9
 
 
 def test_the_exact_pass_brings_no_jerk() -> None:
@@ -132,14 +132,14 @@ def test_algorithm_1_word_by_word() -> None:
     solver = NumericIK(motion.model)
     targets, qpos = lay_out(constraints, motion.model, motion.nframe), motion.qpos
     for spacing in (12, 6):
-        displacement = solver.solve(qpos[targets.frames], targets).displacement
+        displacement = solver.prepare(targets).solve(qpos[targets.frames]).displacement
         submap = np.zeros((motion.nframe, motion.model.nv))
         # Line 8 may be done more than once at the same knots, each time to what is left.
         for _ in range(getattr(sys.modules[fit.__module__], "_PASSES", 1)):
             left = displacement - submap[targets.frames]
             submap += fit_level(targets.frames, left, motion.nframe, spacing)
         qpos = oplus(motion.model, qpos, submap)
-    assert limit_excess(motion.model, qpos).max() == 0.0
+    assert motion.character.limits.excess(qpos).max() == 0.0
     result = fit(motion, constraints, levels=(12, 6), ik="numeric", first_guess=False, exact=False)
     np.testing.assert_allclose(result.motion.qpos, qpos, atol=1e-12)
 
@@ -225,7 +225,7 @@ def test_targets_at_the_limit_of_an_ankle(ik: str) -> None:
         turn = np.column_stack((np.cos(pitch / 2), 0 * pitch, np.sin(pitch / 2), 0 * pitch))
         constraints.append(SiteConstraint(site, own.frames, own.position, turn))
     result = fit(motion, constraints, ik=ik)
-    assert limit_excess(motion.model, result.motion.qpos).max() < 1e-9
+    assert motion.character.limits.excess(result.motion.qpos).max() < 1e-9
     assert 1000.0 * worst(result, constraints) == pytest.approx(
         max([u.residual_mm for u in result.unmet], default=0.0), abs=1.0
     )
@@ -234,7 +234,7 @@ def test_targets_at_the_limit_of_an_ankle(ik: str) -> None:
 
 
 def test_rigid_joints_stay() -> None:
-    motion, stiff, soft = clip(), default_weights(humanoid()), default_weights(humanoid())
+    motion, stiff, soft = clip(), default_rigidity(humanoid()), default_rigidity(humanoid())
     root = slice(0, 6)
     stiff[root] *= 1e4
     soft[root] *= 0.1
@@ -349,4 +349,4 @@ def test_a_robot_of_29_hinges() -> None:
     for constraint in constraints:
         quat = loop_quats(model, result.motion.qpos, constraint.site)
         assert np.abs(log(multiply(conjugate(quat), some(constraint.quat)))).max() < 0.01  # [rad]
-    assert limit_excess(model, result.motion.qpos).max() < 1e-9
+    assert Character.of(model).limits.excess(result.motion.qpos).max() < 1e-9

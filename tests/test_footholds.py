@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from made_up import humanoid, loop_sites, mixed, walk
 
-from mjmotion.body.feet import find_feet
+from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, ModelError, SceneError
@@ -36,11 +36,11 @@ def stance(x: float, y: float = 0.0, yaw: float = 0.0, foot: int = 0) -> Stance:
 
 
 def put(ground: Ground, *stances: Stance, start: float = 0.0) -> tuple[Foothold, ...]:
-    return find_footholds(stances, find_feet(humanoid()), ground, start)
+    return find_footholds(stances, Character.of(humanoid()).feet, ground, start)
 
 
 def test_feet_of_the_humanoid() -> None:
-    feet = find_feet(humanoid())
+    feet = Character.of(humanoid()).feet
     assert [foot.side for foot in feet] == ["left", "right"]
     for foot in feet:
         assert humanoid().body(foot.body).name == f"{foot.side}_foot"
@@ -56,10 +56,10 @@ def test_feet_of_the_humanoid() -> None:
 
 def test_models_without_feet() -> None:
     with pytest.raises(ModelError, match="no feet"):
-        find_feet(mixed())
+        Character.of(mixed()).feet
     half = '<mujoco><worldbody><body><freejoint/><geom size=".1"/><site name="a_heel"/></body>'
     with pytest.raises(ModelError, match="a_toe"):
-        find_feet(mujoco.MjModel.from_xml_string(half + "</worldbody></mujoco>"))
+        Character.of(mujoco.MjModel.from_xml_string(half + "</worldbody></mujoco>")).feet
 
 
 @pytest.mark.parametrize("height", [0.0, 0.3, -0.8])
@@ -100,7 +100,7 @@ def box(low: float, high: float, top: float, name: str = "box") -> str:
 
 
 def sole_points(hold: Foothold, index: int = 0) -> np.ndarray:
-    foot = find_feet(humanoid())[index]
+    foot = Character.of(humanoid()).feet[index]
     return hold.position + rotate(hold.quat, foot.sole)
 
 
@@ -202,7 +202,7 @@ def test_stances_of_a_walk() -> None:
     motion = walk(3.6)
     contacts = detect_contacts(motion)
     pose = Kinematics(motion.model, motion.nframe).forward(motion.qpos)
-    feet = find_feet(motion.model)
+    feet = motion.character.feet
     stances = find_stances(motion, pose, feet, contacts)
     assert [s.start for s in stances] == sorted(s.start for s in stances)
     sites = loop_sites(motion.model, motion.qpos)
@@ -227,9 +227,9 @@ def test_stances_join_heel_and_toe() -> None:
         Contact("left_toe", 5, 18),
         Contact("left_toe", 25, 40),
     )
-    first, second = find_stances(motion, pose, find_feet(model), contacts)
+    first, second = find_stances(motion, pose, Character.of(model).feet, contacts)
     assert (first.heel, first.toe, first.start, first.end) == ((0, 10), (5, 18), 0, 18)
     assert (second.heel, second.toe, second.start, second.end) == ((0, 0), (25, 40), 25, 40)
     np.testing.assert_allclose(second.source_pos, (0.0, 0.09, 0.0), atol=PLACE)
     with pytest.raises(ContactError, match="left_hand"):
-        find_stances(motion, pose, find_feet(model), (Contact("left_hand", 0, 9),))
+        find_stances(motion, pose, Character.of(model).feet, (Contact("left_hand", 0, 9),))

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from made_up import walk
 
-from mjmotion.body.feet import find_feet
 from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.motion import Motion
 from mjmotion.footsteps.contacts import Contact, contact_mask, detect_contacts
@@ -39,7 +38,7 @@ def clip(fps: float = 30.0) -> Motion:
 def paths_on(body: str, motion: Motion) -> tuple[list[FootPath], tuple[Contact, ...], Ground]:
     xml = f"<mujoco><worldbody>{body}</worldbody></mujoco>"
     ground = Ground(Scene.from_spec(mujoco.MjSpec.from_string(xml)))
-    contacts, feet = detect_contacts(motion), find_feet(motion.model)
+    contacts, feet = detect_contacts(motion), motion.character.feet
     pose = Kinematics(motion.model, motion.nframe).forward(motion.qpos)
     stances = find_stances(motion, pose, feet, contacts)
     holds = find_footholds(stances, feet, ground, 0.0)
@@ -58,14 +57,14 @@ def paths(name: str) -> tuple[list[FootPath], tuple[Contact, ...], Ground]:
 def source(index: int) -> np.ndarray:
     motion = clip()
     pose = Kinematics(motion.model, motion.nframe).forward(motion.qpos)
-    return pose.site_xpos[:, motion.model.site(find_feet(motion.model)[index].site).id]
+    return pose.site_xpos[:, motion.model.site(motion.character.feet[index].site).id]
 
 
 @pytest.mark.parametrize("name", sorted(GROUNDS))
 def test_contacts_do_not_drift(name: str) -> None:
     """Heel and toe stay where they are over each contact, on the ground."""
     found, contacts, ground = paths(name)
-    for path, foot in zip(found, find_feet(clip().model), strict=True):
+    for path, foot in zip(found, clip().character.feet, strict=True):
         for contact in contacts:
             side, part = contact.site.split("_")
             if side != foot.side:
@@ -82,7 +81,7 @@ def test_contacts_do_not_drift(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(GROUNDS))
 def test_feet_stay_above_the_ground(name: str) -> None:
     found, _, ground = paths(name)
-    for path, foot in zip(found, find_feet(clip().model), strict=True):
+    for path, foot in zip(found, clip().character.feet, strict=True):
         sole = path.position[:, None] + rotate(path.quat[:, None], foot.sole[None])
         height, _ = ground.under(sole)
         assert np.nanmin(sole[..., 2] - height) > -SINK
@@ -102,7 +101,7 @@ def test_level_ground_changes_nothing() -> None:
 
 def test_the_carry_is_constant_in_stance_and_tilted_like_the_slope() -> None:
     found, contacts, _ = paths("up")
-    for index, (path, foot) in enumerate(zip(found, find_feet(clip().model), strict=True)):
+    for index, (path, foot) in enumerate(zip(found, clip().character.feet, strict=True)):
         heel, toe = (
             contact_mask(contacts, f"{foot.side}_{p}", clip().nframe) for p in ("heel", "toe")
         )
@@ -140,7 +139,7 @@ def test_a_beam_across_the_way_is_lifted_over() -> None:
     y = float(position[leave, 1])
     beam = f'<geom type="box" size=".015 .08 .035" pos="{x} {y} .035"/>'
     found, _, ground = paths_on(FLAT + beam, clip())
-    path, foot = found[index], find_feet(clip().model)[index]
+    path, foot = found[index], clip().character.feet[index]
     sole = path.position[:, None] + rotate(path.quat[:, None], foot.sole[None])
     height, _ = ground.under(sole)
     assert np.nanmin(sole[..., 2] - height) > -SINK
@@ -172,7 +171,7 @@ def test_the_same_at_120_frames_a_second() -> None:
 
 def test_a_foot_that_never_stands_keeps_its_path() -> None:
     motion = clip()
-    feet = find_feet(motion.model)
+    feet = motion.character.feet
     pose = Kinematics(motion.model, motion.nframe).forward(motion.qpos)
     only = [c for c in detect_contacts(motion) if c.site.startswith("left")]
     stances = find_stances(motion, pose, feet, only)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from mjmotion.body.assets import find_asset
-from mjmotion.body.feet import find_feet
-from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics, Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
@@ -86,7 +85,7 @@ def test_nothing_skates_and_nothing_sinks(name: str, model: mujoco.MjModel) -> N
         both = down[1:] & down[:-1]
         slip = np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1)[both]
         assert slip.max() < 1e-6, f"{site} slides"
-    for foot in find_feet(model):
+    for foot in Character.of(model).feet:
         index = site_id(model, foot.site)
         points = np.einsum("fij,kj->fki", pose.site_xmat[:, index], foot.sole)
         assert (points[..., 2] + pose.site_xpos[:, index, None, 2]).min() > -2e-3
@@ -199,7 +198,7 @@ def test_speed_and_stride_are_as_asked(speed: float, stride: float, model: mujoc
     down = heel[:, 2] < 1e-4
     spots = np.unique(np.round(heel[down, 0], 3))
     assert np.median(np.diff(spots)) == pytest.approx(stride, abs=5e-3)
-    assert limit_excess(model, motion.qpos).max() == 0.0
+    assert Character.of(model).limits.excess(motion.qpos).max() == 0.0
 
 
 @pytest.mark.parametrize("way", ["left", "right"])
@@ -230,7 +229,7 @@ def test_turns_as_asked(way: str, turning: float, model: mujoco.MjModel) -> None
 
 
 def test_limits_hold(walk: Motion) -> None:
-    assert limit_excess(walk.model, walk.qpos).max() == 0.0
+    assert walk.character.limits.excess(walk.qpos).max() == 0.0
 
 
 def test_no_joint_jumps(walk: Motion) -> None:

@@ -8,13 +8,14 @@ import pytest
 from made_up import HIP, SHANK, SOLE, THIGH, humanoid, loop_quats, loop_sites, mixed, pin, some
 from made_up import random_poses as poses
 
-from mjmotion.body.joint_limits import limit_excess, limit_names, swing_twist
+from mjmotion.body.character import Character
+from mjmotion.body.joint_limits import swing_twist
 from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.limbs import Limbs, find_limbs
 from mjmotion.constraints import SiteConstraint, Targets, lay_out
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK, least_deviation
-from mjmotion.ik.solver import Inequalities, default_weights
+from mjmotion.ik.solver import Inequalities, default_rigidity
 from mjmotion.numerics.rotations import conjugate, exp, log, multiply
 from mjmotion.numerics.tangent import ominus, oplus
 from mjmotion.paper.conjugate_gradients import (
@@ -149,7 +150,7 @@ def test_closing_a_limb_meets_its_target(name: str) -> None:
         model, qpos = slanted(), slanted_poses(slanted(), 30, 2)
         shift = 0.02 * np.random.default_rng(4).normal(size=(30, 3))
         targets = lay_out([pin(model, qpos, "end", shift)], model, 30)
-    solution = HybridIK(model).enforce(qpos, targets)
+    solution = HybridIK(model).prepare(targets).enforce(qpos)
     closed = oplus(model, qpos, solution.displacement)
     assert max(gaps(model, closed, targets)) < 1e-9
     assert (solution.displacement[:, :6] == 0.0).all()
@@ -160,8 +161,8 @@ def test_closed_form_and_numeric_legs_are_the_same() -> None:
     """With a root too stiff to move, knees have one angle; swivels are free and may differ."""
     model, qpos = humanoid(), poses(humanoid(), 10, 5, 0.15)
     targets = moved_feet(qpos, 6, 0.01)
-    closed = HybridIK(model).enforce(qpos, targets).displacement
-    numeric = NumericIK(model, iterations=STEPS).enforce(qpos, targets).displacement
+    closed = HybridIK(model).prepare(targets).enforce(qpos).displacement
+    numeric = NumericIK(model, iterations=STEPS).prepare(targets).enforce(qpos).displacement
     knees = [model.joint(f"{side}_knee").dofadr[0] for side in ("left", "right")]
     np.testing.assert_allclose(closed[:, knees], numeric[:, knees], atol=5e-3)
     assert max(gaps(model, oplus(model, qpos, numeric), targets)) < 1e-6
@@ -231,7 +232,7 @@ def test_out_of_reach_a_leg_stretches_as_far_as_it_goes(way: tuple[float, ...]) 
     """§5.3: towards the target, straight, and what is missing is left."""
     hip, line = np.array((0.0, 0.09, HIP)), np.array(way) / np.linalg.norm(way)
     model, qpos, targets = one_foot(hip + 1.1 * line - (0, 0, SOLE))
-    found = oplus(model, qpos, HybridIK(model).enforce(qpos, targets).displacement)
+    found = oplus(model, qpos, HybridIK(model).prepare(targets).enforce(qpos).displacement)
     ankle = loop_sites(model, found)[0, model.site("left_foot").id] + (0, 0, SOLE)
     np.testing.assert_allclose(ankle, hip + (THIGH + SHANK) * line, atol=1e-9)
     assert found[0, model.joint("left_knee").qposadr[0]] == pytest.approx(0.0, abs=1e-7)
@@ -240,7 +241,7 @@ def test_out_of_reach_a_leg_stretches_as_far_as_it_goes(way: tuple[float, ...]) 
 
 def test_too_near_a_knee_bends_to_its_limit() -> None:
     model, qpos, targets = one_foot((0.0, 0.09, HIP - 0.1 - SOLE))
-    found = oplus(model, qpos, HybridIK(model).enforce(qpos, targets).displacement)
+    found = oplus(model, qpos, HybridIK(model).prepare(targets).enforce(qpos).displacement)
     knee = model.joint("left_knee")
     assert found[0, knee.qposadr[0]] == pytest.approx(model.jnt_range[knee.id, 1])
 
@@ -254,7 +255,7 @@ def test_at_the_edge_of_reach_nothing_jumps() -> None:
     position = np.column_stack((np.zeros(81), np.full(81, 0.09), heights + 0.05))
     targets = lay_out([SiteConstraint("left_foot", np.arange(81), position)], model, 81)
     for solver in (HybridIK(model), NumericIK(model)):
-        displacement = solver.solve(qpos, targets).displacement
+        displacement = solver.prepare(targets).solve(qpos).displacement
         assert np.isfinite(displacement).all() and np.abs(displacement).max() < 0.9  # [rad]
 
 
@@ -269,7 +270,7 @@ def test_satisfied_constraints_give_no_displacement(name: str) -> None:
     constraints = [pin(model, qpos, site) for site in (*FEET, "left_hand")]
     targets = lay_out(constraints, model, 5)
     solver = SOLVERS[name](model)
-    for solution in (solver.solve(qpos, targets), solver.enforce(qpos, targets)):
+    for solution in (solver.prepare(targets).solve(qpos), solver.prepare(targets).enforce(qpos)):
         assert np.abs(solution.displacement).max() < ROUNDING
         assert solution.error.max() < ROUNDING
 
@@ -279,9 +280,11 @@ def test_arguments_stay_and_calls_do_not_remember(name: str) -> None:
     model, qpos = humanoid(), poses(humanoid(), 2, 11)
     targets, other = moved_feet(qpos, 12, 0.01), moved_feet(qpos, 13, 0.02)
     kept, solver = qpos.copy(), SOLVERS[name](model)
-    first = solver.solve(qpos, targets)
-    solver.solve(qpos, other)
-    np.testing.assert_array_equal(solver.solve(qpos, targets).displacement, first.displacement)
+    first = solver.prepare(targets).solve(qpos)
+    solver.prepare(other).solve(qpos)
+    np.testing.assert_array_equal(
+        solver.prepare(targets).solve(qpos).displacement, first.displacement
+    )
     np.testing.assert_array_equal(qpos, kept)
     assert first.error.max() == pytest.approx(gaps(model, qpos, targets)[0], abs=1e-12)
 
@@ -290,21 +293,21 @@ def test_arguments_stay_and_calls_do_not_remember(name: str) -> None:
 def test_frames_do_not_know_of_each_other(name: str) -> None:
     model, qpos = humanoid(), poses(humanoid(), 3, 14)
     targets, solver = moved_feet(qpos, 15, 0.01), SOLVERS[name](model)
-    together = solver.solve(qpos, targets).displacement
+    together = solver.prepare(targets).solve(qpos).displacement
     for row in (0, 2):
-        alone = solver.solve(qpos[[row]], targets.at(np.array([row]))).displacement
+        alone = solver.prepare(targets.at(np.array([row]))).solve(qpos[[row]]).displacement
         np.testing.assert_allclose(alone[0], together[row], atol=1e-10)
 
 
 def test_numeric_and_conjugate_gradients_find_the_same_pose() -> None:
     model, qpos = humanoid(), poses(humanoid(), 3, 16, 0.15)
     targets = moved_feet(qpos, 17)
-    mine = NumericIK(model, iterations=STEPS).solve(qpos, targets).displacement
-    reference = ConjugateGradientIK(model).solve(qpos, targets).displacement
+    mine = NumericIK(model, iterations=STEPS).prepare(targets).solve(qpos).displacement
+    reference = ConjugateGradientIK(model).prepare(targets).solve(qpos).displacement
     assert np.abs(mine).max() > 0.05  # [rad]: there was something to do
     np.testing.assert_allclose(mine, reference, atol=SAME_POSE)
     assert max(gaps(model, oplus(model, qpos, reference), targets)) < 1e-5
-    weights = default_weights(model)
+    weights = default_rigidity(model)
     costs = [np.sum(weights * d * d, axis=1) for d in (mine, reference)]
     np.testing.assert_allclose(costs[0], costs[1], rtol=1e-3)
 
@@ -314,27 +317,29 @@ def test_hybrid_and_numeric_find_the_same_pose() -> None:
     cost; one round of the hybrid is one Gauss–Newton step, so small targets agree in pose too."""
     model, qpos = humanoid(), poses(humanoid(), 8, 18, 0.15)
     targets = moved_feet(qpos, 19, 0.004)
-    one = HybridIK(model).solve(qpos, targets).displacement
-    other = NumericIK(model, iterations=STEPS).solve(qpos, targets).displacement
+    one = HybridIK(model).prepare(targets).solve(qpos).displacement
+    other = NumericIK(model, iterations=STEPS).prepare(targets).solve(qpos).displacement
     np.testing.assert_allclose(one, other, atol=5e-3)
     moved = qpos
     far = moved_feet(qpos, 20, 0.03)
     for _ in range(4):
-        moved = oplus(model, moved, HybridIK(model).solve(moved, far).displacement)
+        moved = oplus(model, moved, HybridIK(model).prepare(far).solve(moved).displacement)
     assert max(gaps(model, moved, far)) < 1e-4
 
 
 def test_the_displacement_is_the_least() -> None:
     """Any other pose near by that meets the targets costs more (Eq. 4)."""
     model, qpos = humanoid(), poses(humanoid(), 4, 21, 0.15)
-    targets, weights = moved_feet(qpos, 22), default_weights(model)
-    best = NumericIK(model, iterations=STEPS).solve(qpos, targets).displacement
+    targets, weights = moved_feet(qpos, 22), default_rigidity(model)
+    best = NumericIK(model, iterations=STEPS).prepare(targets).solve(qpos).displacement
     cost = np.sum(weights * best * best, axis=1)
     rng = np.random.default_rng(23)
     closer = NumericIK(model, np.ones(model.nv), iterations=STEPS)
     for _ in range(20):
         nudged = oplus(model, qpos, best + 0.05 * rng.normal(size=best.shape))
-        back = closer.solve(nudged, targets).displacement  # onto the targets again, by any way
+        back = (
+            closer.prepare(targets).solve(nudged).displacement
+        )  # onto the targets again, by any way
         other = ominus(model, oplus(model, nudged, back), qpos)
         # Neck, head and wrists serve nothing and only add cost; the test is about the others.
         idle = best == 0.0
@@ -346,23 +351,25 @@ def test_the_displacement_is_the_least() -> None:
 @pytest.mark.parametrize("name", ["numeric", "hybrid"])
 def test_rigid_joints_move_less(name: str) -> None:
     model, qpos = humanoid(), poses(humanoid(), 5, 24, 0.15)
-    targets, weights = moved_feet(qpos, 25, 0.01), default_weights(model)
+    targets, weights = moved_feet(qpos, 25, 0.01), default_rigidity(model)
     root, knees = slice(0, 6), [model.joint(f"{s}_knee").dofadr[0] for s in ("left", "right")]
     solver = SOLVERS[name]
-    usual = solver(model, weights).solve(qpos, targets).displacement
+    usual = solver(model, weights).prepare(targets).solve(qpos).displacement
     stiff, soft = weights.copy(), weights.copy()
     stiff[root] *= 1e6
     soft[root] *= 1e-3
-    assert np.abs(solver(model, stiff).solve(qpos, targets).displacement[:, root]).max() < 1e-4
-    free = solver(model, soft).solve(qpos, targets).displacement
+    assert (
+        np.abs(solver(model, stiff).prepare(targets).solve(qpos).displacement[:, root]).max() < 1e-4
+    )
+    free = solver(model, soft).prepare(targets).solve(qpos).displacement
     norm = np.linalg.norm
     assert (norm(free[:, root], axis=1) > norm(usual[:, root], axis=1)).all()
     assert norm(free[:, knees]) < norm(usual[:, knees])
 
 
-def test_default_weights() -> None:
+def test_default_rigidity() -> None:
     model = humanoid()
-    weights = default_weights(model)
+    weights = default_rigidity(model)
     assert weights.shape == (model.nv,) and (weights > 0).all()
     at = {
         name: weights[model.joint(name).dofadr[0]] for name in ("spine", "left_knee", "left_wrist")
@@ -380,7 +387,7 @@ def test_a_wish_gives_way(name: str) -> None:
         wish = pin(model, qpos, "head_top", (0.0, 0.0, -0.1), weight=weight)
         targets = lay_out([wish], model, 2)
         solver = NumericIK(model, iterations=STEPS) if name == "numeric" else SOLVERS[name](model)
-        found = oplus(model, qpos, solver.solve(qpos, targets).displacement)
+        found = oplus(model, qpos, solver.prepare(targets).solve(qpos).displacement)
         left.append(gaps(model, found, targets)[0])
     assert left[0] > left[1] > left[2] > left[3] and left[0] < 0.1
     assert left[3] < 1e-4
@@ -389,8 +396,8 @@ def test_a_wish_gives_way(name: str) -> None:
 def test_wishes_weigh_the_same_in_both_solvers() -> None:
     model, qpos = humanoid(), poses(humanoid(), 2, 26, 0.15)
     targets = lay_out([pin(model, qpos, "head_top", (0, 0, -0.1), weight=0.3)], model, 2)
-    mine = NumericIK(model, iterations=STEPS).solve(qpos, targets).displacement
-    reference = ConjugateGradientIK(model).solve(qpos, targets).displacement
+    mine = NumericIK(model, iterations=STEPS).prepare(targets).solve(qpos).displacement
+    reference = ConjugateGradientIK(model).prepare(targets).solve(qpos).displacement
     np.testing.assert_allclose(mine, reference, atol=5 * SAME_POSE)
 
 
@@ -433,7 +440,7 @@ def test_inequalities_are_pushed_out(name: str) -> None:
     targets = lay_out([pin(model, qpos, site) for site in FEET], model, 3)
     solver, moved = SOLVERS[name](model), qpos
     for _ in range(1 if name == "conjugate gradients" else 4):
-        moved = oplus(model, moved, solver.solve(moved, targets, ceiling).displacement)
+        moved = oplus(model, moved, solver.prepare(targets, ceiling).solve(moved).displacement)
     after = loop_sites(model, moved)[:, model.site("head_top").id, 2]
     assert after[:2].max() < ceiling.height + 2e-3
     np.testing.assert_allclose(moved[2], qpos[2], atol=ROUNDING)
@@ -446,7 +453,7 @@ def test_limits_are_kept(name: str) -> None:
     """A foot that only a knee beyond its range would bring there, and a hand behind the back."""
     model = humanoid()
     qpos = np.tile(model.qpos0, (2, 1))
-    stiff = default_weights(model)
+    stiff = default_rigidity(model)
     stiff[:6] *= 1e4
     constraints = [
         SiteConstraint(
@@ -460,8 +467,10 @@ def test_limits_are_kept(name: str) -> None:
         if name == "numeric"
         else (ConjugateGradientIK(model, stiff))
     )
-    moved = oplus(model, qpos, solver.solve(qpos, targets).displacement)
-    assert limit_excess(model, moved).max() < (1e-9 if name == "numeric" else 1e-3)  # [rad]
+    moved = oplus(model, qpos, solver.prepare(targets).solve(qpos).displacement)
+    assert Character.of(model).limits.excess(moved).max() < (
+        1e-9 if name == "numeric" else 1e-3
+    )  # [rad]
     before = np.linalg.norm(loop_sites(model, qpos)[0, targets.sites[0]] - (-0.1, 0.09, 0.75))
     assert (
         np.linalg.norm(loop_sites(model, moved)[0, targets.sites[0]] - (-0.1, 0.09, 0.75)) < before
@@ -481,9 +490,9 @@ def test_numeric_solves_any_tree() -> None:
     for solver in (NumericIK(model, iterations=STEPS), HybridIK(model)):
         moved = qpos
         for _ in range(6):
-            moved = oplus(model, moved, solver.solve(moved, targets).displacement)
+            moved = oplus(model, moved, solver.prepare(targets).solve(moved).displacement)
         assert max(gaps(model, moved, targets)) < 1e-5
-    exact = oplus(model, qpos, NumericIK(model).enforce(qpos, targets).displacement)
+    exact = oplus(model, qpos, NumericIK(model).prepare(targets).enforce(qpos).displacement)
     assert max(gaps(model, exact, targets)) < 2e-3  # six steps, with the root nearly still
 
 
@@ -493,7 +502,7 @@ def test_hybrid_takes_sites_on_no_limb_too() -> None:
     targets = lay_out(constraints, model, 4)
     moved = qpos
     for _ in range(4):
-        moved = oplus(model, moved, HybridIK(model).solve(moved, targets).displacement)
+        moved = oplus(model, moved, HybridIK(model).prepare(targets).solve(moved).displacement)
     assert max(gaps(model, moved, targets)) < 1e-3
 
 
@@ -508,11 +517,13 @@ def test_position_or_orientation_alone() -> None:
         for constraint in (place, turn):
             targets, moved = lay_out([constraint], model, 4), qpos
             for _ in range(4):
-                moved = oplus(model, moved, solver.solve(moved, targets).displacement)
+                moved = oplus(model, moved, solver.prepare(targets).solve(moved).displacement)
             assert max(gaps(model, moved, targets)) < 1e-4
-    weights = default_weights(model)
+    weights = default_rigidity(model)
     costs = [
-        np.sum(weights * NumericIK(model).solve(qpos, lay_out([c], model, 4)).displacement ** 2)
+        np.sum(
+            weights * NumericIK(model).prepare(lay_out([c], model, 4)).solve(qpos).displacement ** 2
+        )
         for c in (place, both)
     ]
     assert costs[0] < costs[1]
@@ -541,14 +552,16 @@ def test_a_body_at_its_limit_is_left_there(name: str) -> None:
     qpos[:, at : at + 4] = exp(np.array((0.0, 1.25, 0.0)))  # of 1.309 that it can
     hands = [pin(model, qpos, f"{side}_hand", (0.3, 0.0, -0.3)) for side in ("left", "right")]
     targets = lay_out([SiteConstraint(h.site, h.frames, h.position) for h in hands], model, 3)
-    moved = oplus(model, qpos, SOLVERS[name](model).solve(qpos, targets).displacement)
-    columns = [i for i, part in enumerate(limit_names(model)) if part.startswith("spine")]
-    assert limit_excess(model, moved)[:, columns].max() < 1e-4
+    moved = oplus(model, qpos, SOLVERS[name](model).prepare(targets).solve(qpos).displacement)
+    columns = [
+        i for i, part in enumerate(Character.of(model).limits.names) if part.startswith("spine")
+    ]
+    assert Character.of(model).limits.excess(moved)[:, columns].max() < 1e-4
     free = HybridIK(model)
     for _ in range(8):
-        moved = oplus(model, moved, free.solve(moved, targets).displacement)
+        moved = oplus(model, moved, free.prepare(targets).solve(moved).displacement)
     assert gaps(model, moved, targets)[0] < 1e-3
-    assert limit_excess(model, moved)[:, columns].max() < 1e-3
+    assert Character.of(model).limits.excess(moved)[:, columns].max() < 1e-3
 
 
 def toes_down(model: mujoco.MjModel, nframe: int) -> tuple[np.ndarray, Targets]:
@@ -575,18 +588,18 @@ def test_joints_at_their_edges_are_held_from_call_to_call() -> None:
         for _ in range(8):
             deviation = ominus(model, moved, guess) if name == "held" else None
             moved = oplus(
-                model, moved, solver.solve(moved, targets, deviation=deviation).displacement
+                model, moved, solver.prepare(targets).solve(moved, deviation=deviation).displacement
             )
-            over[name].append(float(limit_excess(model, moved).max()))
+            over[name].append(float(Character.of(model).limits.excess(moved).max()))
         assert gaps(model, moved, targets)[0] < 0.02
     assert over["loose"][-1] > 0.1 and over["held"][-1] < 1e-3
     assert gaps(model, moved, targets)[0] < 0.02
     # Frames that keep nothing (NaN) hold no edges, and are solved as without a deviation.
     blank = np.full((2, model.nv), np.nan)
-    plain = HybridIK(model).solve(guess, targets).displacement
+    plain = HybridIK(model).prepare(targets).solve(guess).displacement
     alone = HybridIK(model)
     for _ in range(2):
-        again = alone.solve(guess, targets, deviation=blank).displacement
+        again = alone.prepare(targets).solve(guess, deviation=blank).displacement
         np.testing.assert_allclose(again, plain, atol=1e-12)
 
 
@@ -597,9 +610,9 @@ def test_frames_that_inequalities_ask_are_told() -> None:
     tops = loop_sites(model, qpos)[:, model.site("head_top").id, 2]
     targets = lay_out([pin(model, qpos, site) for site in FEET], model, 3)
     for solver in (NumericIK(model), HybridIK(model)):
-        found = solver.solve(qpos, targets, Ceiling(model, float(tops[1]) + 0.05))
+        found = solver.prepare(targets, Ceiling(model, float(tops[1]) + 0.05)).solve(qpos)
         np.testing.assert_array_equal(found.pushed, [True, False, True])
-        assert not solver.solve(qpos, targets).pushed.any()
+        assert not solver.prepare(targets).solve(qpos).pushed.any()
 
 
 # The reference's own derivatives
@@ -631,7 +644,7 @@ def test_gradient_of_equation_6(name: str) -> None:
         text_model, qpos = mixed(), poses(mixed(), 1, 33)
         model, ceiling = text_model, None
         targets = lay_out([pin(model, qpos, "tip", 0.1, weight=0.4)], model, 1)
-    objective = PenaltyObjective(model, qpos[0], targets, default_weights(model), ceiling)
+    objective = PenaltyObjective(model, qpos[0], targets, default_rigidity(model), ceiling)
     x, h = 0.5 * np.random.default_rng(35).normal(size=model.nv), 1e-6
     value, gradient = objective(x, 100.0)
     slope = [

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from made_up import humanoid, mixed, random_poses
 
+from mjmotion.body.character import Character
 from mjmotion.body.kinematics import (
     Kinematics,
     RayCaster,
     body_dofs,
     body_pose,
     character_geoms,
-    character_height,
     root_body,
     site_id,
     site_positions,
@@ -149,14 +149,14 @@ def test_dofs_of_a_body() -> None:
 
 def test_height_and_geoms() -> None:
     model = humanoid()
-    assert character_height(model) == pytest.approx(1.75, abs=0.005)  # soles to crown [m]
+    assert Character.of(model).height == pytest.approx(1.75, abs=0.005)  # soles to crown [m]
     assert root_body(model) == model.body("pelvis").id
     colliding = character_geoms(model, colliding=True)
     assert 0 < len(colliding) <= len(character_geoms(model))
     # The floor of the other model is no part of its character.
     small = mixed()
     assert len(character_geoms(small)) == small.ngeom - 1
-    assert character_height(small) < 1.5
+    assert Character.of(small).height < 1.5
 
 
 def test_unknown_site_names_the_valid_ones() -> None:

@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 
 from mjmotion.body.assets import find_asset
+from mjmotion.body.character import Character
 from mjmotion.body.joint_limits import (
-    ball_limits,
-    clamp_to_limits,
     from_swing_twist,
-    limit_excess,
-    limit_names,
     swing_twist,
 )
 from mjmotion.exceptions import ModelError
@@ -70,26 +67,29 @@ def test_clamped_poses_are_inside(humanoid: mujoco.MjModel) -> None:
         else:
             qpos[:, at] = rng.uniform(-4, 4, 300)
     before = np.array(qpos)
-    assert limit_excess(humanoid, qpos).max() > 0.5
-    clamped = clamp_to_limits(humanoid, qpos)
+    assert Character.of(humanoid).limits.excess(qpos).max() > 0.5
+    clamped = Character.of(humanoid).limits.clamp(qpos)
     np.testing.assert_array_equal(qpos, before)
-    assert limit_excess(humanoid, clamped).max() < 1e-9
+    assert Character.of(humanoid).limits.excess(clamped).max() < 1e-9
     inside = np.tile(humanoid.qpos0, (3, 1))
-    np.testing.assert_array_equal(clamp_to_limits(humanoid, inside), inside)
-    assert limit_excess(humanoid, qpos).shape == (300, len(limit_names(humanoid)))
-    assert limit_excess(humanoid, humanoid.qpos0).max() == 0
+    np.testing.assert_array_equal(Character.of(humanoid).limits.clamp(inside), inside)
+    assert Character.of(humanoid).limits.excess(qpos).shape == (
+        300,
+        len(Character.of(humanoid).limits.names),
+    )
+    assert Character.of(humanoid).limits.excess(humanoid.qpos0).max() == 0
 
 
 def test_boxes_of_the_humanoid(humanoid: mujoco.MjModel) -> None:
-    boxes = ball_limits(humanoid)
+    boxes = Character.of(humanoid).limits.boxes
     balls = np.flatnonzero(humanoid.jnt_type == mujoco.mjtJoint.mjJNT_BALL)
     assert set(boxes) == set(balls.tolist())
-    column = limit_names(humanoid).index("left_hip.swing_y")
+    column = Character.of(humanoid).limits.names.index("left_hip.swing_y")
     at = humanoid.joint("left_hip").qposadr[0]
     low = boxes[humanoid.joint("left_hip").id][1, 0]
     qpos = np.array(humanoid.qpos0)
     qpos[at : at + 4] = from_swing_twist((0, low - 0.25, 0))
-    excess = limit_excess(humanoid, qpos)
+    excess = Character.of(humanoid).limits.excess(qpos)
     assert excess[0, column] == pytest.approx(0.25)
     assert excess.sum() == pytest.approx(0.25)
 
@@ -97,14 +97,14 @@ def test_boxes_of_the_humanoid(humanoid: mujoco.MjModel) -> None:
 def test_plain_model() -> None:
     """Without numerics MuJoCo's own ranges count: total angle of a ball, hinge, slide."""
     model = mujoco.MjModel.from_xml_string(PLAIN.format(numeric=""))
-    assert limit_names(model) == ["a", "b", "c"]
+    assert Character.of(model).limits.names == ["a", "b", "c"]
     qpos = np.tile(model.qpos0, (2, 1))
     qpos[1, 7:11] = -rot.exp(np.array((1.0, 1.0, 1.0)))
     qpos[1, 11:] = (-0.7, 0.13, 9.0)
-    excess = limit_excess(model, qpos)
+    excess = Character.of(model).limits.excess(qpos)
     np.testing.assert_allclose(excess, [[0, 0, 0], [np.sqrt(3) - 1.2, 0.2, 0.03]], atol=1e-12)
-    clamped = clamp_to_limits(model, qpos)
-    assert limit_excess(model, clamped).max() < 1e-12
+    clamped = Character.of(model).limits.clamp(qpos)
+    assert Character.of(model).limits.excess(clamped).max() < 1e-12
     wanted = -rot.exp(np.full(3, 1.2 / np.sqrt(3)))
     np.testing.assert_allclose(clamped[1], [*model.qpos0[:7], *wanted, -0.5, 0.1, 9.0], atol=1e-12)
 
@@ -120,4 +120,4 @@ def test_plain_model() -> None:
 def test_bad_numerics(numeric: str) -> None:
     model = mujoco.MjModel.from_xml_string(PLAIN.format(numeric=numeric))
     with pytest.raises(ModelError, match="limit_"):
-        ball_limits(model)
+        Character.of(model).limits.boxes

@@ -14,7 +14,7 @@ from made_up import STEP_TIME, foot_track, humanoid, mixed, random_poses, walk
 
 from mjmotion.apps.morph import MorphBody, morph
 from mjmotion.body.assets import find_asset
-from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.morph_body import shares
 from mjmotion.body.motion import Motion
@@ -25,7 +25,6 @@ from mjmotion.footsteps.contacts import Contact, contact_mask, detect_contacts, 
 from mjmotion.output.report import Report
 from mjmotion.output.result import Result
 from mjmotion.output.results import (
-    load_model,
     read_motion,
     read_results,
     result_folder,
@@ -42,7 +41,7 @@ PAPER = (6.98, 5.35, 3.08, 1.10)  # greatest errors of Table 1 [% of height]
 
 @functools.cache
 def sized(**factors: float) -> mujoco.MjModel:
-    return make_character("humanoid", Proportions(**factors)).compile()
+    return make_character("humanoid", Proportions(**factors)).model
 
 
 def long_legs() -> mujoco.MjModel:
@@ -148,7 +147,7 @@ def test_batched_kinematics_agrees_with_a_loop_over_bodies() -> None:
 
 
 def test_body_in_a_scene_is_the_same_body() -> None:
-    model = with_ground("humanoid").compile()
+    model = with_ground("humanoid").model
     there = body().on(model)
     qpos = random_poses(humanoid(), FRAMES, seed=7)
     ours, theirs = body_poses(body(), qpos), body_poses(there, qpos)
@@ -225,7 +224,7 @@ def test_body_is_higher_on_long_legs_and_nothing_breaks() -> None:
     height, was = result.motion.qpos[:, 2], result.source.qpos[:, 2]
     assert height[20] / was[20] == pytest.approx(1.5, abs=0.06)
     assert height[55] / was[55] == pytest.approx(0.7, abs=0.06)
-    assert limit_excess(result.motion.model, result.motion.qpos).max() < 1e-6
+    assert result.motion.character.limits.excess(result.motion.qpos).max() < 1e-6
     figures = validate(result.source, result.motion, result.contacts, body=result.body)
     assert figures.broken() == []
     assert figures.metrics["sole_penetration_mm"] < 1.0
@@ -282,7 +281,7 @@ def test_legs_too_short_for_the_stride_are_told() -> None:
     assert max(one.residual_mm for one in result.unmet) > 5.0
     assert min(min(one.frames) for one in result.unmet) > 10, "long legs reach"
     assert np.isfinite(result.motion.qpos).all()
-    assert limit_excess(result.motion.model, result.motion.qpos).max() < 1e-6
+    assert result.motion.character.limits.excess(result.motion.qpos).max() < 1e-6
 
 
 def test_a_motion_that_never_stands_is_refused() -> None:
@@ -329,7 +328,7 @@ def test_figures_of_one_body_are_the_same_either_way() -> None:
 
 
 def test_penetration_is_measured_on_each_frames_own_body() -> None:
-    model = with_ground("humanoid").compile()
+    model = with_ground("humanoid").model
     longer = MorphBody.between(humanoid(), [(0, humanoid()), (2, sized(legs=1.1))], 3)
     motion = standing(model)
     figures = validate(motion, motion, (), body=longer)
@@ -363,7 +362,7 @@ def tall(image: np.ndarray) -> int:
 def test_pictures_show_each_frames_body() -> None:
     from mjmotion.output.video import render_frames, render_strip
 
-    model = with_ground("humanoid").compile()
+    model = with_ground("humanoid").model
     changing = MorphBody.between(humanoid(), [(2, sized(legs=1.6))], 3)
     source = standing(model)
     raised = np.array(source.qpos)
@@ -388,7 +387,7 @@ def test_pictures_show_each_frames_body() -> None:
     assert tall(strip[:, middle:]) > 1.15 * tall(strip[:, :middle]) > 20
     with pytest.raises(RenderError, match="ghost"):
         render_frames(motion, [0], 160, 160, source=motion, body=changing, layout="ghost")
-    assert np.array_equal(model.geom_pos, with_ground("humanoid").compile().geom_pos)
+    assert np.array_equal(model.geom_pos, with_ground("humanoid").model.geom_pos)
 
 
 # Files and the command
@@ -417,7 +416,7 @@ def test_folder_holds_the_body_and_is_measured_again(folder: Path) -> None:
     assert len(report["levels"]) == len(morphed().trace.levels)
     with pytest.raises(MotionError, match="whose body changes"):
         read_motion(folder)
-    assert load_model(folder / "model.xml").ngeom == results.model.ngeom
+    assert Character.of(folder / "model.xml").model.ngeom == results.model.ngeom
 
 
 def test_command_morphs_a_clip(

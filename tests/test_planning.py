@@ -14,14 +14,13 @@ import pytest
 from made_up import humanoid, loop_sites, mixed, walk
 
 from mjmotion.apps.adaptation import adapt
-from mjmotion.body.feet import find_feet
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import ModelError, MotionError
 from mjmotion.fitting import Fit, fit
-from mjmotion.footsteps.plan import Plan, freed, plan, shifted
-from mjmotion.ik.solver import default_weights
+from mjmotion.footsteps.plan import Plan, shifted
+from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.tangent import ominus
 from mjmotion.output.result import Result
 from mjmotion.scene import Scene, flat, load_scene, slope, stairs
@@ -49,7 +48,7 @@ def clip(name: str) -> Motion:
 
 @functools.cache
 def planned(where: str, what: str = "walk") -> Plan:
-    return plan(clip(what), scene(where))
+    return make_plan(clip(what), scene(where))
 
 
 @functools.cache
@@ -68,7 +67,7 @@ def deviation(motion: Motion, source: Motion, weights: np.ndarray) -> float:
 def test_every_stance_is_one_move() -> None:
     what = planned("terrain")
     moves = what.free_footholds()
-    feet = find_feet(what.source.model)
+    feet = what.source.character.feet
     assert len(moves) == len(what.stances) == len(what.footholds)
     by_foot = [
         [(s, f) for s, f in zip(what.stances, what.footholds, strict=True) if s.foot == foot]
@@ -116,7 +115,7 @@ def shared_fit(where: str, ik: str, free: bool) -> Fit:
 @pytest.mark.parametrize("where", ["terrain", "stairs"])
 def test_free_footholds_change_the_walk_less(where: str, ik: str) -> None:
     """Eq. 4 summed over all frames, from the same first guess; moves paid for too."""
-    what, weights = planned(where), default_weights(humanoid())
+    what, weights = planned(where), default_rigidity(humanoid())
     guess = shifted(what.source, what.root_shift)
     fixed, free = (shared_fit(where, ik, one) for one in (False, True))
     cost = [deviation(one.motion, guess, weights) for one in (fixed, free)]
@@ -133,7 +132,7 @@ def test_free_footholds_change_the_walk_less(where: str, ik: str) -> None:
 def test_freed_footholds_stay_on_what_they_stood_on(where: str) -> None:
     """They go some way, in their planes: none comes to stand on another step."""
     what = planned(where)
-    new = freed(what, scene(where))
+    new = with_free_footholds(what, scene(where))
     assert new.stances == what.stances and len(new.footholds) == len(what.footholds)
     moved = np.array(
         [n.position - o.position for n, o in zip(new.footholds, what.footholds, strict=True)]
@@ -147,7 +146,7 @@ def test_freed_footholds_stay_on_what_they_stood_on(where: str) -> None:
 def test_on_level_ground_nothing_need_move() -> None:
     """The footholds are the clip's own already."""
     what = planned("level", "made up")
-    new = freed(what, scene("level"))
+    new = with_free_footholds(what, scene("level"))
     for old, one in zip(what.footholds, new.footholds, strict=True):
         np.testing.assert_allclose(one.position, old.position, atol=6e-3)
 
@@ -175,7 +174,7 @@ def test_figures_hold_on_steps_and_through_doors(where: str) -> None:
 
 def test_joints_change_less() -> None:
     """The whole adaptation, without the root, whose way is the ground's."""
-    weights = default_weights(humanoid())
+    weights = default_rigidity(humanoid())
     weights[:6] = 0.0
     fixed, free = (adapted("terrain", one) for one in (False, True))
     cost = [

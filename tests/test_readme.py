@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 import yaml
 
+from mjmotion.body.character import Character
 from mjmotion.cli import main as cli
 from mjmotion.clips import ROLES, find_rig, read_clip
 from mjmotion.clips.rig import REQUIRED
 from mjmotion.constraints import load_constraints
 from mjmotion.footsteps.contacts import load_contacts
-from mjmotion.output.results import load_model
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text("utf-8")
@@ -72,7 +72,7 @@ def test_commands_are_real(words: list[str], tmp_path: Path) -> None:
 
 
 def test_the_files_that_are_shown_are_taken(tmp_path: Path) -> None:
-    model = load_model(ROOT / "models" / "mjcf" / "humanoid.xml")
+    model = Character.of(ROOT / "models" / "mjcf" / "humanoid.xml").model
     mapping, constraints = (yaml.safe_load(block) for block in blocks("yaml"))
     assert mapping.keys() == {"joints", "up", "scale", "ignore"}
     assert set(mapping["joints"]) | set(mapping["ignore"]) <= set(ROLES)

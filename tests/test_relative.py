@@ -11,7 +11,6 @@ from made_up import humanoid, loop_quats, loop_sites, mixed, pin, walk
 from made_up import random_poses as poses
 
 from mjmotion.apps.adaptation import adapt
-from mjmotion.body.joint_limits import limit_excess
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import (
     Constraint,
@@ -113,7 +112,7 @@ def test_one_step_leaves_a_square(kind: str) -> None:
         if kind != "link":
             constraints.append(near_gaze(model, qpos, size))
         targets = lay_out(constraints, model, 6)
-        step = NumericIK(model, iterations=1).solve(qpos, targets).displacement
+        step = NumericIK(model, iterations=1).prepare(targets).solve(qpos).displacement
         moved = Motion(model, oplus(model, qpos, step), 30.0)
         off = [
             np.concatenate(apart(moved, one))
@@ -132,7 +131,7 @@ def test_a_link_moves_both_ends_least() -> None:
         qpos[:, model.joint(f"{side}_elbow").qposadr[0]] = 1.2
     hands = RelativeConstraint("left_hand", np.array((0,)), "right_hand")
     targets = lay_out([hands], model, 1)
-    found = NumericIK(model, iterations=20).solve(qpos, targets).displacement
+    found = NumericIK(model, iterations=20).prepare(targets).solve(qpos).displacement
     moved = Motion(model, oplus(model, qpos, found), 30.0)
     assert apart(moved, hands)[0].max() < 1e-6
     ends = loop_sites(model, moved.qpos)[0, [model.site(s).id for s in ("left_hand", "right_hand")]]
@@ -146,7 +145,10 @@ def test_what_is_met_asks_for_nothing(solver: type) -> None:
     model, qpos = humanoid(), poses(humanoid(), 5, 4, 0.2)
     held = [near_link(model, qpos, 0.0), near_gaze(model, qpos, 0.0), pin(model, qpos, "left_foot")]
     targets = lay_out(held, model, 5)
-    for solution in (solver(model).solve(qpos, targets), solver(model).enforce(qpos, targets)):
+    for solution in (
+        solver(model).prepare(targets).solve(qpos),
+        solver(model).prepare(targets).enforce(qpos),
+    ):
         assert np.abs(solution.displacement).max() < 1e-7
         assert solution.error.max() < 1e-9
 
@@ -178,7 +180,7 @@ def test_a_site_is_held_to_another(case: str, ik: str) -> None:
         here = loop_sites(clip().model, result.motion.qpos)[:, clip().model.site(foot.site).id]
         assert np.abs(here - foot.position).max() < HELD
     assert result.unmet == () and result.trace.exact_error_percent < 0.01
-    assert limit_excess(clip().model, result.motion.qpos).max() < 1e-8
+    assert clip().character.limits.excess(result.motion.qpos).max() < 1e-8
     # What is let go of swings out: the arm is not pulled back to where nobody asked it to be.
     assert jerk(result.motion.qpos) < 1.1 * jerk(clip().qpos)
     assert result.trace.nscalar == sum(c.nscalar for c in (*feet(), link))
@@ -198,7 +200,7 @@ def test_a_site_faces_a_point(case: str, ik: str) -> None:
     result = fit(clip(), [*feet(), gaze], ik=ik)
     assert aside(clip(), gaze).max() > 15.0 and aside(result.motion, gaze).max() < ANGLE
     assert result.unmet == () and jerk(result.motion.qpos) < 1.2 * jerk(clip().qpos)
-    assert limit_excess(clip().model, result.motion.qpos).max() < 1e-8
+    assert clip().character.limits.excess(result.motion.qpos).max() < 1e-8
     assert gaze.nscalar == 2 * len(MIDDLE)
 
 
@@ -258,7 +260,7 @@ def test_a_wish_gives_way() -> None:
         gaze = LookAt("face", np.arange(3), np.array((2.0, 1.0, 1.0)), weight=weight)
         for name, one in (("link", link), ("gaze", gaze)):
             targets = lay_out([one], model, 3)
-            found = NumericIK(model, iterations=12).solve(qpos, targets).displacement
+            found = NumericIK(model, iterations=12).prepare(targets).solve(qpos).displacement
             moved = Motion(model, oplus(model, qpos, found), 30.0)
             left[name].append(
                 (apart(moved, link)[0] if name == "link" else aside(moved, gaze)).max()

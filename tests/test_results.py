@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from mjmotion.body.assets import find_asset
+from mjmotion.body.character import Character
 from mjmotion.body.kinematics import character_geoms
 from mjmotion.clips import load_clip
 from mjmotion.exceptions import ClipError, ModelError, MotionError
 from mjmotion.fitting import Trace
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.output.result import Result
-from mjmotion.output.results import load_model, read_motion, write_motions
+from mjmotion.output.results import read_motion, write_motions
 from mjmotion.scene import compose, load_scene, with_ground
 
 FRAMES = 12
@@ -48,7 +49,7 @@ def test_a_folder_brings_its_contacts_and_its_model(folder: Path) -> None:
     motion, contacts, character = read_motion(folder)
     assert motion.nframe == FRAMES
     assert contacts == (Contact("left_heel", 2, 9),)
-    assert load_model(character).ngeom == motion.model.ngeom
+    assert Character.of(character).model.ngeom == motion.model.ngeom
 
 
 def test_what_is_no_motion_is_refused(folder: Path, tmp_path: Path) -> None:
@@ -65,11 +66,11 @@ def test_what_is_no_motion_is_refused(folder: Path, tmp_path: Path) -> None:
 
 
 def test_a_character_alone_gets_a_floor_and_one_in_a_scene_keeps_it(folder: Path) -> None:
-    alone = with_ground("humanoid").compile()
+    alone = with_ground("humanoid").model
     assert (alone.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).sum() == 1
     assert alone.ngeom == len(character_geoms(alone)) + 1
-    there = with_ground(folder / "model.xml").compile()
-    assert there.ngeom == load_model(folder / "model.xml").ngeom
+    there = with_ground(folder / "model.xml").model
+    assert there.ngeom == Character.of(folder / "model.xml").model.ngeom
     assert (there.geom_type == mujoco.mjtGeom.mjGEOM_BOX).any()
     with pytest.raises(ModelError, match="hunanoid"):
         with_ground("hunanoid")

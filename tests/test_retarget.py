@@ -25,7 +25,7 @@ from mjmotion.apps.retarget import (
     with_soles,
 )
 from mjmotion.apps.retarget.rest import rest_of, world
-from mjmotion.body.joint_limits import limit_excess
+from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.motion import Motion
 from mjmotion.body.proportions import Proportions, make_character
@@ -34,7 +34,7 @@ from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import ConstraintError, ContactError, FitError, ModelError
 from mjmotion.footsteps.contacts import Contact, detect_contacts
 from mjmotion.numerics.rotations import exp, log
-from mjmotion.scene import compose, load_character, load_scene, scene_of
+from mjmotion.scene import compose, load_scene, scene_of
 from mjmotion.validation import validate
 
 MOCAP = Path(__file__).parents[2] / "shared" / "mocap" / "bvh"
@@ -44,7 +44,7 @@ NEEDS_G1 = pytest.mark.skipif(not G1.is_file(), reason="needs ../shared/robots/u
 
 @cache
 def body(name: str) -> mujoco.MjModel:
-    return load_character(name).compile()
+    return Character.load(name).compile()
 
 
 @cache
@@ -154,7 +154,7 @@ def test_hands_keep_what_they_hold() -> None:
     turn = loop_quats(motion.model, motion.qpos, "left_hand")[8:32]
     now = loop_quats(model, result.motion.qpos, "left_hand")[8:32]
     np.testing.assert_allclose(np.abs((turn * now).sum(axis=1)), 1.0, atol=1e-5)
-    assert limit_excess(model, result.motion.qpos).max() < 1e-4
+    assert Character.of(model).limits.excess(result.motion.qpos).max() < 1e-4
     # And feet stand all the while.
     feet = [c for c in result.contacts if c.site != "left_hand"]
     assert validate(result.source, result.motion, feet).metrics["stance_drift_mm"] < 1.0
@@ -216,7 +216,7 @@ def test_a_spine_is_divided_and_put_together_again() -> None:
 
 
 def test_joints_that_mean_something_else_are_not_copied() -> None:
-    turned = load_character("humanoid")
+    turned = Character.load("humanoid")
     turned.body("left_shank").quat = (0.0, 0.0, 0.0, 1.0)
     with pytest.raises(ModelError, match="'left_knee' turns about other axes"):
         copy_joints(standing(), turned.compile())
@@ -239,7 +239,7 @@ def test_steps_reach_every_figure_on_a_robot_of_hinges() -> None:
 @NEEDS_G1
 def test_bones_point_where_the_motions_bones_point() -> None:
     motion = steps()
-    spec = with_soles(load_character(G1))
+    spec = with_soles(Character.load(G1))
     mapped = map_bones(motion, spec)
     rests = rest_of(motion.model), rest_of(mapped.model)
     for limb in ("left_leg", "right_leg", "left_arm", "right_arm"):
@@ -252,21 +252,21 @@ def test_bones_point_where_the_motions_bones_point() -> None:
         angle = np.arccos(np.clip((ways[0] * ways[1]).sum(axis=2), -1.0, 1.0))
         assert np.degrees(np.median(angle)) < 8.0, limb
         assert np.degrees(angle.max()) < 25.0, limb
-    assert limit_excess(mapped.model, mapped.qpos).max() < 1e-9
+    assert mapped.character.limits.excess(mapped.qpos).max() < 1e-9
 
 
 @NEEDS_G1
 def test_which_way_a_body_faces_at_rest_does_not_matter() -> None:
-    turned = load_character(G1)
+    turned = Character.load(G1)
     turned.body("pelvis").quat = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
-    motions = [map_bones(steps(), with_soles(spec)) for spec in (load_character(G1), turned)]
+    motions = [map_bones(steps(), with_soles(spec)) for spec in (Character.load(G1), turned)]
     np.testing.assert_allclose(rest_of(motions[1].model).forward, (0, 1, 0), atol=1e-9)
     np.testing.assert_allclose(motions[1].qpos, motions[0].qpos, atol=1e-9)
 
 
 @NEEDS_G1
 def test_a_robot_gets_sites_on_its_soles() -> None:
-    spec = with_soles(load_character(G1))
+    spec = with_soles(Character.load(G1))
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -275,11 +275,11 @@ def test_a_robot_gets_sites_on_its_soles() -> None:
     assert data.site("left_toe").xpos[1] == pytest.approx(-data.site("right_toe").xpos[1], abs=1e-3)
     # Those that are there stay: the robot's own left_foot, the humanoid's all.
     assert model.nsite == mujoco.MjModel.from_xml_path(str(G1)).nsite + 4
-    assert with_soles(load_character("humanoid")).to_xml() == load_character("humanoid").to_xml()
+    assert with_soles(Character.load("humanoid")).to_xml() == Character.load("humanoid").to_xml()
 
 
 def test_joints_that_only_the_other_body_has_stay_at_rest() -> None:
-    spec = load_character("humanoid")
+    spec = Character.load("humanoid")
     spec.body("head").add_body(name="jaw", pos=(0.05, 0, -0.05)).add_joint(
         name="jaw", axis=(0, 1, 0)
     )

@@ -389,7 +389,7 @@ def test_shipped_terrain_is_the_same_with_doors() -> None:
 @pytest.mark.parametrize("name", SHIPPED)
 def test_compose_humanoid(name: str) -> None:
     scene = load_scene(name)
-    model = compose("humanoid", scene).compile()
+    model = compose("humanoid", scene).model
     alone = mujoco.MjModel.from_xml_path(str(ROOT / "models" / "mjcf" / "humanoid.xml"))
     assert model.nq == alone.nq and model.nv == alone.nv and model.nbody == alone.nbody
     for kind, count in (
@@ -420,7 +420,7 @@ def test_compose_a_users_scene(
     scene = load_scene(yard)
     assert scene.start_yaw == pytest.approx(np.radians(30))
     np.testing.assert_allclose(scene.start_pos, [0.5, -1, 0])
-    model = compose(figure, scene).compile()
+    model = compose(figure, scene).model
     assert [model.joint(i).name for i in range(model.njnt)] == ["root", "knee"]
     names = {model.geom(i).name for i in range(model.ngeom)}
     assert names == {"yard", "dune", "bump", "rock", "wedge", "hip", "shin"}  # no studio floor
@@ -449,7 +449,7 @@ def test_compose_a_scene_that_moves_keeps_the_root_first(yard: Path, figure: Pat
         '<geom type="box" size=".2 .2 .2"/></body><site name',
     )
     yard.write_text(text)
-    model = compose(figure, load_scene(yard)).compile()
+    model = compose(figure, load_scene(yard)).model
     assert [model.joint(i).name for i in range(model.njnt)] == ["root", "knee", "crate"]
     np.testing.assert_allclose(model.qpos0[:7], [0, 0, 0.9, 1, 0, 0, 0])
     np.testing.assert_allclose(model.qpos0[8:11], [2, 0, 1])

@@ -12,7 +12,7 @@ from made_up import humanoid, loop_quats, loop_sites, mixed, pin, some
 from made_up import random_poses as poses
 
 from mjmotion.body.assets import find_asset
-from mjmotion.body.joint_coupling import couple
+from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import (
     Constraint,
@@ -34,7 +34,7 @@ from mjmotion.exceptions import ConstraintError, ModelError
 from mjmotion.fitting import Fit, fit
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.solver import default_weights
+from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.rotations import conjugate, exp, log, multiply, to_matrix, yaw_quat
 from mjmotion.numerics.tangent import ominus, oplus
 
@@ -326,8 +326,8 @@ def near_targets(
 
 def least_cost(model: mujoco.MjModel, qpos: np.ndarray, targets: Targets) -> np.ndarray:
     """Eq. 4 halved, of the least displacement that meets the targets (n,), by many steps."""
-    found = NumericIK(model, iterations=15).solve(qpos, targets).displacement
-    return 0.5 * np.sum(default_weights(model) * found * found, axis=1)
+    found = NumericIK(model, iterations=15).prepare(targets).solve(qpos).displacement
+    return 0.5 * np.sum(default_rigidity(model) * found * found, axis=1)
 
 
 CASES = {
@@ -348,10 +348,10 @@ def test_sensitivity_is_the_cost_s_own_slope_and_bend(case: str, solver: type) -
     """Central differences of the least deviation's cost, for targets moved a little."""
     make, sites, kind = CASES[case]
     model, rng, h = make(), np.random.default_rng(13), 1e-4
-    qpos = couple(model, poses(model, 4, 14, 0.1))
+    qpos = Character.of(model).coupling.couple(poses(model, 4, 14, 0.1))
     targets = near_targets(model, qpos, sites, kind)
     held = np.stack((targets.position_weight, targets.turn_weight), axis=-1).repeat(3, -1) > 0
-    seen = solver(model).sensitivity(qpos, targets)
+    seen = solver(model).prepare(targets).sensitivity(qpos)
     for _ in range(3):
         delta = rng.normal(size=held.shape) * held
         delta /= np.linalg.norm(delta, axis=(1, 2), keepdims=True)
@@ -372,15 +372,17 @@ def test_sensitivity_counts_what_there_is_already(case: str, solver: type) -> No
     """Half way to the targets, with that half as the deviation: the whole way's own slope."""
     make, sites, kind = CASES[case]
     model = make()
-    qpos = couple(model, poses(model, 4, 14, 0.1))
+    qpos = Character.of(model).coupling.couple(poses(model, 4, 14, 0.1))
     targets = near_targets(model, qpos, sites, kind)
     whole = NumericIK(model, iterations=15)
-    half = 0.5 * whole.solve(qpos, targets).displacement
-    mine = solver(model).sensitivity(oplus(model, qpos, half), targets, half)
-    wanted = NumericIK(model).sensitivity(qpos, targets)
+    half = 0.5 * whole.prepare(targets).solve(qpos).displacement
+    mine = solver(model).prepare(targets).sensitivity(oplus(model, qpos, half), deviation=half)
+    wanted = NumericIK(model).prepare(targets).sensitivity(qpos)
     scale = np.abs(wanted.gradient).max()
     assert np.abs(mine.gradient - wanted.gradient).max() < 0.05 * scale
-    nothing = solver(model).sensitivity(qpos, targets, np.full((4, model.nv), np.nan))
+    nothing = (
+        solver(model).prepare(targets).sensitivity(qpos, deviation=np.full((4, model.nv), np.nan))
+    )
     np.testing.assert_allclose(nothing.gradient, wanted.gradient, atol=0.03 * scale)
 
 
@@ -390,11 +392,11 @@ def test_what_is_deviated_already_is_kept_least() -> None:
     rng = np.random.default_rng(16)
     targets = near_targets(model, qpos, FEET, "both")
     for solver in (NumericIK(model), HybridIK(model)):
-        once = NumericIK(model, iterations=15).solve(qpos, targets).displacement
+        once = NumericIK(model, iterations=15).prepare(targets).solve(qpos).displacement
         astray = oplus(model, qpos, 0.002 * rng.normal(size=(4, model.nv)) * (once != 0.0))
         for _ in range(3):
             deviation = ominus(model, astray, qpos)
-            step = solver.solve(astray, targets, deviation=deviation).displacement
+            step = solver.prepare(targets).solve(astray, deviation=deviation).displacement
             astray = oplus(model, astray, step)
         np.testing.assert_allclose(ominus(model, astray, qpos), once, atol=3e-4)
 
@@ -433,7 +435,7 @@ def free_foot(
 
 def cost_of(result: Fit, motion: Motion) -> float:
     moved = ominus(motion.model, result.motion.qpos, motion.qpos)
-    return float(np.sum(default_weights(motion.model) * moved * moved))
+    return float(np.sum(default_rigidity(motion.model) * moved * moved))
 
 
 @pytest.mark.parametrize("ik", ["hybrid", "numeric"])

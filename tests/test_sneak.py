@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from made_up import humanoid, loop_quats, loop_sites, mixed
 
-from mjmotion.body.joint_limits import limit_excess
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.clips.sneak import KNEE, SPEED, STRIDE, make_sneak
@@ -101,7 +100,7 @@ def test_it_is_the_same_at_any_rate() -> None:
 
 
 def test_it_is_within_limits_and_smoother_than_the_walk(sneak: Motion) -> None:
-    assert limit_excess(sneak.model, sneak.qpos).max(initial=0.0) < 1e-9
+    assert sneak.character.limits.excess(sneak.qpos).max(initial=0.0) < 1e-9
     assert joint_jerk_ratio(sneak, [load_clip("straight")]) < 0.5
 
 

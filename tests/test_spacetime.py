@@ -13,6 +13,7 @@ from made_up import humanoid, mixed, pin, random_poses, walk
 
 from mjmotion.body import joint_limits as limits
 from mjmotion.body.bones import Bones
+from mjmotion.body.character import Character
 from mjmotion.body.kinematics import site_positions
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import Constraint, LookAt, SiteConstraint, lay_out
@@ -20,7 +21,7 @@ from mjmotion.constraints.shared_targets import SharedMove, SharedMoves
 from mjmotion.exceptions import ConstraintError, FitError
 from mjmotion.fitting import fit
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.solver import default_weights
+from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.rotations import conjugate, exp, log, multiply, rotate
 from mjmotion.numerics.tangent import ominus
 from mjmotion.paper.conjugate_gradients import swing_twist_jacobian as one_swing_twist_jacobian
@@ -95,7 +96,7 @@ def small_problem(spacing: float = 2.0) -> Problem:
         SiteConstraint("left_hand", np.array([2, 3]), position=np.array((0.5, 0.4, 1.2))),
     ]
     targets = lay_out(constraints, model, 7)
-    return Problem(model, qpos, targets, two_moves(7), default_weights(model), spacing)
+    return Problem(model, qpos, targets, two_moves(7), default_rigidity(model), spacing)
 
 
 @pytest.mark.parametrize("size", [1e-5, 0.5, 3.0])
@@ -148,7 +149,7 @@ def _columns(problem: Problem, joint: str) -> list[int]:
     """Which of a problem's ranges are those of a joint, left or right."""
     model = problem.model
     serving = {model.joint(model.dof_jntid[dof]).name for dof in problem.dofs}
-    names = [n for n in limits.limit_names(model) if n.split(".")[0] in serving]
+    names = [n for n in Character.of(model).limits.names if n.split(".")[0] in serving]
     assert len(names) == len(problem.ranges.bounds)
     return [index for index, name in enumerate(names) if joint in name]
 
@@ -168,11 +169,13 @@ def test_the_range_of_a_whole_ball() -> None:
             motion.qpos,
             lay_out([SiteConstraint("end", np.array(range(3)), quat=quat)], model, 3),
         ),
-        *([], default_weights(model), 1.0),
+        *([], default_rigidity(model), 1.0),
     )
     point = 0.8 * np.random.default_rng(2).normal(size=problem.nunknown)
     state = problem.state(point)
-    assert np.allclose(problem.ranges.out(state.angles), limits.limit_excess(model, state.qpos))
+    assert np.allclose(
+        problem.ranges.out(state.angles), Character.of(model).limits.excess(state.qpos)
+    )
     assert problem.ranges.out(state.angles).any()
     along = np.random.default_rng(3).normal(size=problem.nunknown)
     ends = [problem.residuals(problem.state(point + h * along), 1.0) for h in (1e-6, -1e-6)]
@@ -195,7 +198,7 @@ def test_joints_of_every_kind() -> None:
     model = mixed()
     qpos = random_poses(model, 3, seed=5)
     targets = lay_out([pin(model, qpos, "tip", (0.02, 0.01, 0.0))], model, 3)
-    problem = Problem(model, qpos, targets, [], default_weights(model), 1.0)
+    problem = Problem(model, qpos, targets, [], default_rigidity(model), 1.0)
     assert "other" not in {model.joint(model.dof_jntid[dof]).name for dof in problem.dofs}
     point = 0.2 * RNG.normal(size=problem.nunknown)
     exact = problem.jacobian(problem.state(point), 1.0)
@@ -230,11 +233,11 @@ def test_one_knot_a_frame_is_frame_by_frame_ik(short_walk: Motion) -> None:
     found = solve_spacetime(short_walk, constraints, first_guess=False, spacing=1.0, tolerance=1e-9)
     model = short_walk.model
     targets = lay_out(constraints, model, short_walk.nframe)
-    ik = NumericIK(model, iterations=60).solve(short_walk.qpos, targets)
+    ik = NumericIK(model, iterations=60).prepare(targets).solve(short_walk.qpos)
     away = ominus(model, found.motion.qpos, short_walk.qpos)
     assert np.abs(away).max() > 0.05
     assert np.abs(away - ik.displacement).max() < 1e-3
-    cost = float(np.sum(default_weights(model) * ik.displacement**2))
+    cost = float(np.sum(default_rigidity(model) * ik.displacement**2))
     assert found.objective == pytest.approx(cost, rel=1e-3)
     assert found.max_error < 1e-5
     assert found.converged
@@ -338,9 +341,9 @@ def test_joint_limits_are_held(short_walk: Motion) -> None:
     turned = multiply(quat, np.broadcast_to(exp(np.array((0.0, 1.3, 0.0))), quat.shape))
     asked[0] = dataclasses.replace(asked[0], quat=turned)
     found = solve_spacetime(short_walk, asked, first_guess=False, spacing=1.0)
-    assert limits.limit_excess(model, found.motion.qpos).max() < 2e-3
+    assert Character.of(model).limits.excess(found.motion.qpos).max() < 2e-3
     # Held, not merely never met: with no more than a little room the ankle is at its limit.
-    low, high = limits.ball_limits(model)[model.joint("left_ankle").id].T
+    low, high = Character.of(model).limits.boxes[model.joint("left_ankle").id].T
     at = model.joint("left_ankle").qposadr[0]
     angles = limits.swing_twist(found.motion.qpos[:, at : at + 4])
     assert min(np.abs(angles - low).min(), np.abs(angles - high).min()) < 2e-3

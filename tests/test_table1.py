@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from made_up import loop_sites, pin, some, walk
 
-from mjmotion.body.kinematics import character_height
 from mjmotion.cli.main import COMMANDS
 from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import FitError
@@ -346,7 +345,7 @@ def test_the_error_of_a_method_is_the_farthest_site(job: Job) -> None:
         gap = sites[one.frames, motion.model.site(one.site).id] - one.position
         worst = max(worst, np.linalg.norm(gap, axis=1).max())
     ablation = Measure(job)("curve", "nothing", 1.0, motion)
-    percent = 100 * worst / character_height(motion.model)
+    percent = 100 * worst / motion.character.height
     assert ablation.max_error_percent == pytest.approx(percent)
     assert ablation.deviation == 0.0
 

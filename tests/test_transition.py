@@ -474,7 +474,7 @@ def test_what_cannot_be_joined_is_refused(clips: Clips) -> None:
 
 
 def test_a_clip_on_uneven_ground_is_refused(clips: Clips) -> None:
-    model = compose("humanoid", load_scene("slope")).compile()
+    model = compose("humanoid", load_scene("slope")).model
     with pytest.raises(ClipError, match="clip 2 is on ground that is not level"):
         join([clips[0], clips[1].on(model)])
 

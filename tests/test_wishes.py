@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import LookAt, RelativeConstraint, SiteConstraint
 from mjmotion.constraints.unmet import Missed, all_missed, unmet_wishes
 from mjmotion.fitting import Unmet
 from mjmotion.numerics.rotations import exp, normalized
-from mjmotion.output.results import load_model
 
 ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="module")
 def motion() -> Motion:
-    model = load_model(ROOT / "models" / "mjcf" / "humanoid.xml")
+    model = Character.of(ROOT / "models" / "mjcf" / "humanoid.xml").model
     return Motion(model, np.tile(model.qpos0, (20, 1)), 30.0)
 
 

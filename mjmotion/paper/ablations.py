@@ -28,18 +28,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import Targets, lay_out
-<<<<<<< HEAD
 from mjmotion.constraints.unmet import residuals
 from mjmotion.fitting import contact_shift
 from mjmotion.ik.hybrid import HybridIK, HybridProblem
 from mjmotion.ik.solver import Clearance, Deviation, Solution
-from mjmotion.numerics.bspline import Curve, basis_matrix, fit_level
-=======
-from mjmotion.fitting import contact_shift, residuals
-from mjmotion.ik.hybrid import HybridIK
-from mjmotion.ik.solver import Clearance, Solution
 from mjmotion.numerics.bspline import basis_matrix, fit_level
->>>>>>> h-scripts
 from mjmotion.numerics.tangent import ominus, oplus
 from mjmotion.paper.job import LEVELS, Job
 from mjmotion.paper.spacetime import objective, solve_spacetime
@@ -166,13 +159,8 @@ METHODS: Mapping[str, Mapping[str, Callable[[Job], Motion]]] = {
 # Curves that fill a level in place of Eq. 2; frames_per_knot and passes mean nothing to some
 
 
-<<<<<<< HEAD
-def through_all(
-    frames: ArrayLike, data: Array, nframe: int, frames_per_knot: float, *, passes: int = 1
-=======
 def natural_spline(
-    frames: ArrayLike, data: Array, nframe: int, spacing: float, *, passes: int = 1
->>>>>>> h-scripts
+    frames: ArrayLike, data: Array, nframe: int, frames_per_knot: float, *, passes: int = 1
 ) -> Array:
     """Return the natural cubic spline through all data, level before the first and after the last.
 
@@ -212,17 +200,10 @@ def pseudo_inverse(
     """
     from scipy.linalg import lstsq
 
-<<<<<<< HEAD
-    there = basis_matrix(frames, nframe, frames_per_knot).toarray()
-    # Complete orthogonal factorisation: the same solution as by singular values, sooner.
-    control = lstsq(there, data, lapack_driver="gelsy", check_finite=False)[0]
-    return np.asarray(basis_matrix(np.arange(nframe), nframe, frames_per_knot) @ control)
-=======
-    basis = basis_matrix(frames, nframe, spacing).toarray()
+    basis = basis_matrix(frames, nframe, frames_per_knot).toarray()
     # Complete orthogonal factorisation: the same solution as by singular values, sooner.
     control = lstsq(basis, data, lapack_driver="gelsy", check_finite=False)[0]
-    return np.asarray(basis_matrix(np.arange(nframe), nframe, spacing) @ control)
->>>>>>> h-scripts
+    return np.asarray(basis_matrix(np.arange(nframe), nframe, frames_per_knot) @ control)
 
 
 def normal_equations(
@@ -235,25 +216,14 @@ def normal_equations(
     """
     from scipy.linalg import solveh_banded
 
-<<<<<<< HEAD
-    there = basis_matrix(frames, nframe, frames_per_knot)
-    normal = there.T @ there
-    band = np.zeros((4, there.shape[1]))
-    for offset in range(4):
-        band[3 - offset, offset:] = normal.diagonal(offset)
-    band[3] += _RIDGE * band[3].max()
-    control = solveh_banded(band, there.T @ data, check_finite=False)
-    return np.asarray(basis_matrix(np.arange(nframe), nframe, frames_per_knot) @ control)
-=======
-    basis = basis_matrix(frames, nframe, spacing)
+    basis = basis_matrix(frames, nframe, frames_per_knot)
     normal = basis.T @ basis
     band = np.zeros((4, basis.shape[1]))
     for offset in range(4):
         band[3 - offset, offset:] = normal.diagonal(offset)
     band[3] += _RIDGE * band[3].max()
     control = solveh_banded(band, basis.T @ data, check_finite=False)
-    return np.asarray(basis_matrix(np.arange(nframe), nframe, spacing) @ control)
->>>>>>> h-scripts
+    return np.asarray(basis_matrix(np.arange(nframe), nframe, frames_per_knot) @ control)
 
 
 class Converged(HybridIK):
@@ -296,27 +266,15 @@ class Measure:
         """Return the figures of a method's motion, whose fit took so long [s]."""
         job = self.job
         error = float(residuals(motion, self.targets, job.bones).max(initial=0.0))
-<<<<<<< HEAD
-        return Way(
-            job.name,
-            comparison,
-            name,
-            seconds,
-            100.0 * error / job.motion.character.height,
-            float(np.degrees(self.overshoot(motion).max(initial=0.0))),
-            ratio(_rms(joint_jerk(motion)), self._source),
-            objective(motion, self.guess, job.rigidity),
-=======
         return Ablation(
             job=job.name,
             comparison=comparison,
             name=name,
             seconds=seconds,
-            max_error_percent=100.0 * error / character_height(self.model),
+            max_error_percent=100.0 * error / job.motion.character.height,
             overshoot_deg=float(np.degrees(self.overshoot(motion).max(initial=0.0))),
             jerk_ratio=joint_jerk_ratio(motion, [job.source or job.motion]),
-            deviation=objective(motion, self.guess, job.weights),
->>>>>>> h-scripts
+            deviation=objective(motion, self.guess, job.rigidity),
         )
 
     def overshoot(self, motion: Motion) -> Array:

@@ -291,7 +291,7 @@ def swing_twist_jacobian(quat: Array) -> Array:
     real, swung = np.hypot(w, z), np.hypot(x, y)
     if real < 1e-9:  # a swing of π: its direction and the twist are not defined
         return np.zeros((3, 3))
-    # swing = factor (x w − y z, x z + y w), factor = angle / (swung real), as in joint_limits.swing_twist
+    # swing = factor (x w − y z, x z + y w), factor = angle / (swung real)
     if swung > 1e-6:
         factor = 2.0 * np.arctan2(swung, real) / (swung * real)
         by_swung, by_real = (2.0 - factor) / swung, -(2.0 + factor) / real

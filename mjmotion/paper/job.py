@@ -86,17 +86,7 @@ class Job:
     def fit(
         self, ik: str | IKSolver = "hybrid", levels: Sequence[float] = LEVELS, **settings: Any
     ) -> Fit:
-<<<<<<< HEAD
-        """Fit the motion (Algorithm 1); ``more`` goes to :func:`mjmotion.fitting.fit`."""
-        solver = make_solver(self.motion.character, ik, self.rigidity, self.bones)
-        settings: dict[str, Any] = {"first_guess": self.first_guess, "tolerance": 0.0, **more}
-        return fit(self.motion, self.constraints, ik=solver, levels=levels, **settings)
-=======
         """Fit the motion (Algorithm 1); settings go to :func:`mjmotion.fitting.fit`."""
-        own: dict[str, Any] = {
-            "first_guess": self.first_guess,
-            "weights": self.weights,
-            "bones": self.bones,
-        }
-        return fit(self.motion, self.constraints, ik=ik, levels=levels, **{**own, **settings})
->>>>>>> h-scripts
+        solver = make_solver(self.motion.character, ik, self.rigidity, self.bones)
+        own: dict[str, Any] = {"first_guess": self.first_guess, "tolerance": 0.0}
+        return fit(self.motion, self.constraints, ik=solver, levels=levels, **{**own, **settings})

@@ -6,11 +6,7 @@
 from __future__ import annotations
 
 from mjmotion.clips import load_clip
-<<<<<<< HEAD
-from mjmotion.footsteps.plan import make_plan
-=======
-from mjmotion.footsteps.plan import Plan, plan
->>>>>>> h-scripts
+from mjmotion.footsteps.plan import Plan, make_plan
 from mjmotion.paper.job import Job
 from mjmotion.scene import load_scene
 
@@ -21,16 +17,7 @@ def make_job(clip: str = "walk", scene: str = "terrain") -> Job:
     Raises:
       ClipError, SceneError: there is no such clip or scene, or no ground under the walk.
     """
-<<<<<<< HEAD
-    plan = make_plan(load_clip(clip), load_scene(scene))
-    return Job(
-        "walking on rough terrain",
-        plan.source,
-        tuple(plan.constraints()),
-        first_guess=plan.root_shift,
-        contacts=plan.contacts,
-=======
-    return job_of_plan(plan(load_clip(clip), load_scene(scene)))
+    return job_of_plan(make_plan(load_clip(clip), load_scene(scene)))
 
 
 def job_of_plan(walk: Plan) -> Job:
@@ -41,5 +28,4 @@ def job_of_plan(walk: Plan) -> Job:
         tuple(walk.constraints()),
         first_guess=walk.root_shift,
         contacts=walk.contacts,
->>>>>>> h-scripts
     )

@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.figures import Print, print_figures
-from mjmotion.body.kinematics import character_height, site_positions
+from mjmotion.body.kinematics import site_positions
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.constraints.shared_targets import SharedMove
-from mjmotion.fitting import Fit, residuals
-from mjmotion.footsteps.plan import plan
-from mjmotion.ik.solver import default_weights
+from mjmotion.constraints.unmet import residuals
+from mjmotion.fitting import Fit
+from mjmotion.footsteps.plan import make_plan
+from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.tangent import ominus
 from mjmotion.paper.figures import Figure
 from mjmotion.paper.job import Job
@@ -55,26 +56,26 @@ class FreeJob:
         """Fit it by many small optimisations."""
         return self.job.fit(ik, shared=self.moves)
 
-    def solve(self, spacing: float, tolerance: float = TOLERANCE) -> Spacetime:
+    def solve(self, frames_per_knot: float, tolerance: float = TOLERANCE) -> Spacetime:
         """Solve it by one large optimisation."""
         return solve_spacetime(
             self.job.motion,
             self.job.constraints,
             shared=self.moves,
             first_guess=self.job.first_guess,
-            spacing=spacing,
+            frames_per_knot=frames_per_knot,
             tolerance=tolerance,
         )
 
     def objective(self, result: Fit) -> float:
         """Return what a fit costs, in the large optimisation's terms."""
-        weights = default_weights(self.job.motion.model)
-        return objective(result.motion, self.job.guess, weights, result.moves, self.moves)
+        rigidity = default_rigidity(self.job.motion.model)
+        return objective(result.motion, self.job.guess, rigidity, result.moves, self.moves)
 
 
 def make_jobs(clip: str = "walk", scene: str = "terrain") -> tuple[FreeJob, FreeJob]:
     """Return a clip on a scene with fixed footholds, and with free ones."""
-    walk = plan(load_clip(clip), load_scene(scene))
+    walk = make_plan(load_clip(clip), load_scene(scene))
     job = job_of_plan(walk)
     return FreeJob("fixed", job, ()), FreeJob("free", job, tuple(walk.free_footholds()))
 
@@ -93,8 +94,8 @@ def times(jobs: Sequence[FreeJob], repeats: int) -> list[Figure]:
     for job in jobs:
         for ik in SOLVERS:
             tasks[f"{job.name}: fit, {ik}"] = partial(job.fit, ik)
-        for knots, spacing in KNOTS.items():
-            tasks[f"{job.name}: spacetime, {knots}"] = partial(job.solve, spacing)
+        for knots, frames_per_knot in KNOTS.items():
+            tasks[f"{job.name}: spacetime, {knots}"] = partial(job.solve, frames_per_knot)
     seconds = median_seconds(tasks, repeats)
     figures = [Figure("spacetime", task, 1000.0 * seconds[task], "ms") for task in tasks]
     for job in jobs:
@@ -127,7 +128,7 @@ def quality(job: FreeJob) -> list[Figure]:
     """Return objectives, errors, jerk and how far the motions differ."""
     fits = {ik: job.fit(ik) for ik in SOLVERS}
     best = job.solve(KNOTS["one knot a frame"], TIGHT)
-    usual = {knots: job.solve(spacing) for knots, spacing in KNOTS.items()}
+    usual = {knots: job.solve(frames_per_knot) for knots, frames_per_knot in KNOTS.items()}
     return [
         *_of_spacetime(job, best, usual),
         *_of_fits(job, fits, best, usual),
@@ -138,7 +139,7 @@ def quality(job: FreeJob) -> list[Figure]:
 
 def _of_spacetime(job: FreeJob, best: Spacetime, usual: dict[str, Spacetime]) -> list[Figure]:
     """Return objectives and errors of the large optimisations."""
-    percent = 100.0 / character_height(job.job.motion.model)
+    percent = 100.0 / job.job.motion.character.height
     size = f"{best.nunknown} unknowns, {best.nresidual} residuals, {best.seconds:.2g} s"
     figures = [Figure("spacetime", f"{job.name}: least objective", best.objective, note=size)]
     for knots, result in usual.items():
@@ -167,7 +168,7 @@ def _of_fits(
     job: FreeJob, fits: dict[str, Fit], best: Spacetime, usual: dict[str, Spacetime]
 ) -> list[Figure]:
     """Return objectives and errors of the fits."""
-    percent = 100.0 / character_height(job.job.motion.model)
+    percent = 100.0 / job.job.motion.character.height
     figures = []
     for ik, result in fits.items():
         cost = job.objective(result)

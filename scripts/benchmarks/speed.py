@@ -16,8 +16,8 @@ from mjmotion.apps.adaptation import adapt
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.constraints import SiteConstraint, lay_out
+from mjmotion.constraints.unmet import residuals
 from mjmotion.exceptions import MotionError
-from mjmotion.fitting import residuals
 from mjmotion.paper.figures import Figure
 from mjmotion.paper.job import Job
 from mjmotion.paper.timing import median_seconds
@@ -162,7 +162,7 @@ def whole_adaptation(job: Job, clip: str = "walk", scene: str = "terrain_doors")
         result = adapt(walk, place)
         validate(result.source, result.motion, result.contacts)
 
-    tasks = {"fit": job.fit, "load": lambda: compose("humanoid", place).compile(), "whole": whole}
+    tasks = {"fit": job.fit, "load": lambda: compose("humanoid", place), "whole": whole}
     try:
         seconds = median_seconds(tasks, SLOW_REPEATS)
     except MotionError as error:

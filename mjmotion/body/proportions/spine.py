@@ -1,6 +1,6 @@
 """A spine of three segments that share the three degrees of freedom of one ball joint (§4.2).
 
-    spec = flexible_spine(load_spec("humanoid"))
+    character = flexible_spine("humanoid")
 
 The torso's one body becomes lower back, middle back and chest, one above the other, with the arms
 and the neck on the chest. Their ball joints turn by given shares of one rotation vector ``w``:
@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.proportions.frames import BodyFrame
 from mjmotion.body.proportions.shaping import inertia_of, moments, nearest_axes
 from mjmotion.exceptions import ModelError
@@ -44,12 +45,14 @@ _REFERRING = (
 
 
 def flexible_spine(
-    spec: mujoco.MjSpec, shares: Sequence[float] = (1 / 3, 1 / 3, 1 / 3), joint: str = "spine"
-) -> mujoco.MjSpec:
+    source: CharacterLike,
+    shares: Sequence[float] = (1 / 3, 1 / 3, 1 / 3),
+    joint: str = "spine",
+) -> Character:
     """Return a humanoid whose spine is three segments in the place of one.
 
     Args:
-      spec: a humanoid whose torso hangs on one ball joint; it is not changed.
+      source: a humanoid whose torso hangs on one ball joint, or what names one; it is not changed.
       shares: of the spine's turn, from the lowest joint up; positive, with sum 1.
       joint: name of that joint.
 
@@ -64,7 +67,8 @@ def flexible_spine(
         or not math.isclose(share.sum(), 1, abs_tol=1e-9)
     ):
         raise ModelError(f"shares {tuple(shares)} of the spine must be three, positive, of sum 1")
-    spec = spec.copy()
+    character = Character.of(source)
+    spec = character.spec.copy()
     old: Any = spec.joint(joint)
     if old is None or old.type != mujoco.mjtJoint.mjJNT_BALL:
         raise ModelError(f"the model has no ball joint '{joint}' to divide: name the spine's joint")
@@ -96,8 +100,7 @@ def flexible_spine(
         objtype=[mujoco.mjtObj.mjOBJ_JOINT] * 3,
         objprm=share.tolist(),
     )
-    spec.compile()
-    return spec
+    return Character(spec.compile(), spec, character.name)
 
 
 def _move(spec: mujoco.MjSpec, body: Any, parent: Any, pos: Sequence[float] | None = None) -> Any:
