@@ -16,7 +16,7 @@ from mjmotion.clips import ROLES, find_rig, read_clip
 from mjmotion.clips.rig import REQUIRED
 from mjmotion.constraints import load_constraints
 from mjmotion.footsteps.contacts import load_contacts
-from mjmotion.output.results import load_model
+from mjmotion.output.reading import load_model
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text("utf-8")

@@ -13,7 +13,7 @@ from mjmotion.constraints import LookAt, RelativeConstraint, SiteConstraint
 from mjmotion.constraints.unmet import Missed, all_missed, unmet_wishes
 from mjmotion.fitting import Unmet
 from mjmotion.numerics.rotations import exp, normalized
-from mjmotion.output.results import load_model
+from mjmotion.output.reading import load_model
 
 ROOT = Path(__file__).parents[1]
 

@@ -65,12 +65,13 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.constraints import load_constraints
     from mjmotion.constraints.unmet import check_free
     from mjmotion.footsteps.contacts import load_contacts
-    from mjmotion.output.results import load_model, result_folder
+    from mjmotion.output.folder import result_folder
+    from mjmotion.output.reading import load_model
     from mjmotion.scene import load_scene
 
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
-        bar.stage("reading scene and clip")
+        bar("reading scene and clip")
         scene = load_scene(args.scene)
         model = load_model(find_asset("model", args.character))
         clip = load_clip(args.clip, model, mapping=args.mapping, fps=args.fps)
@@ -86,11 +87,11 @@ def run(args: argparse.Namespace) -> int:
             levels=args.levels,
             tolerance=args.tolerance / 1000.0,
             ik=args.ik,
-            progress=bar.stage,
+            progress=bar,
         )
         check_free(adaptation.unmet, wishes)
         title = f"{Path(args.clip).stem} on {scene.name}"
         validation = write(
-            *(folder, adaptation, thresholds, args, bar), title=title, constraints=wishes
+            folder, adaptation, thresholds, args, bar, title=title, constraints=wishes
         )
     return tell(args, adaptation, validation, title=title, constraints=wishes)

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         raise OutputError(f"'{out}' exists already: give another --out, or --force")
     proportions = Proportions(**{name: getattr(args, name) for name in FACTORS})
     with Bar() as bar:
-        bar.stage("making the character")
+        bar("making the character")
         spec = make_character(args.source, proportions)
         if args.flexible_spine:
             spec = flexible_spine(spec)

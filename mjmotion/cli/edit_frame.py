@@ -28,7 +28,7 @@ EXAMPLE = (
 )
 
 _ROUNDING = 1e-6  # by which a figure may be worse and still be the same
-SPACINGS = (4, 6, 12)  # those of Figure 2, drawn beside the chosen one
+SPACINGS = (4, 6, 12)  # those of Figure 2, drawn next to the chosen one
 
 
 class _Move(argparse.Action):
@@ -126,7 +126,8 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.cli.terminal import Bar, say
     from mjmotion.exceptions import ConstraintError
     from mjmotion.footsteps.contacts import load_contacts
-    from mjmotion.output.results import read_motion, result_folder
+    from mjmotion.output.folder import result_folder
+    from mjmotion.output.reading import read_motion
 
     kinds = {kind for kind, _ in args.moves}
     if len(kinds) != 1 or len(args.moves) != len(args.site):
@@ -136,13 +137,13 @@ def run(args: argparse.Namespace) -> int:
         )
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
-        bar.stage("reading the motion")
+        bar("reading the motion")
         motion, contacts, character = read_motion(
             args.motion, args.character, mapping=args.mapping, fps=args.fps
         )
         if args.contacts:
             contacts = load_contacts(args.contacts, motion.model, motion.nframe)
-        bar.stage("editing")
+        bar("editing")
         drags: dict[str, Any] = {kinds.pop(): [values for _, values in args.moves]}
         edits = {
             spacing: edit_frame(

@@ -75,17 +75,18 @@ def join_clips(
     from mjmotion.apps.transition import blend_clips, keep_contacts
     from mjmotion.cli.run import prepare, tell, write
     from mjmotion.cli.terminal import Bar, say, warn
-    from mjmotion.output.results import read_motion, result_folder
+    from mjmotion.output.folder import result_folder
+    from mjmotion.output.reading import read_motion
     from mjmotion.validation.figures import joint_jerk_ratio
 
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
-        bar.stage("reading clips")
+        bar("reading clips")
         given = [
             read_motion(name, args.character, mapping=args.mapping, fps=args.fps) for name in names
         ]
         clips = [one.motion for one in given]
-        bar.stage("overlaps and blends")
+        bar("overlaps and blends")
         joined = blend_clips(
             clips, overlaps=places, contacts=[one.contacts for one in given], length=args.length
         )
@@ -95,7 +96,7 @@ def join_clips(
             levels=args.levels,
             tolerance=args.tolerance / 1000.0,
             ik=args.ik,
-            progress=bar.stage,
+            progress=bar,
         )
         title = " to ".join(Path(name).stem for name in names)
         validation = write(folder, adaptation, thresholds, args, bar, title=title)

@@ -65,7 +65,8 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.cli.terminal import Bar
     from mjmotion.exceptions import MotionError, unknown_name
     from mjmotion.footsteps.contacts import load_contacts
-    from mjmotion.output.results import Given, read_motion, result_folder
+    from mjmotion.output.folder import result_folder
+    from mjmotion.output.reading import LoadedMotion, read_motion
     from mjmotion.paper.morph import KEYS, paper_walk
 
     thresholds = prepare(args)
@@ -78,9 +79,9 @@ def run(args: argparse.Namespace) -> int:
             if name not in parts:
                 raise MotionError(unknown_name("proportion", name, parts))
     with Bar() as bar, result_folder(args.out, args.force) as folder:
-        bar.stage("reading the clip and making the bodies")
+        bar("reading the clip and making the bodies")
         given = (
-            Given(*paper_walk(args.character))
+            LoadedMotion(*paper_walk(args.character))
             if args.clip is None
             else read_motion(args.clip, args.character, mapping=args.mapping, fps=args.fps)
         )
@@ -98,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
             contacts=contacts,
             levels=args.levels,
             ik=args.ik,
-            progress=bar.stage,
+            progress=bar,
         )
         title = f"{Path(args.clip).stem if args.clip else 'A walk'}, morphing"
         validation = write(folder, result, thresholds, args, bar, title=title)

@@ -64,12 +64,13 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.constraints import load_constraints
     from mjmotion.constraints.unmet import check_free
     from mjmotion.footsteps.contacts import load_contacts
-    from mjmotion.output.results import read_motion, result_folder
+    from mjmotion.output.folder import result_folder
+    from mjmotion.output.reading import read_motion
     from mjmotion.scene import load_character, load_scene, scene_of
 
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
-        bar.stage("reading motion and models")
+        bar("reading motion and models")
         given = read_motion(args.motion, args.character, mapping=args.mapping, fps=args.fps)
         motion = given.motion
         model = load_character(args.to).compile()
@@ -91,11 +92,9 @@ def run(args: argparse.Namespace) -> int:
             levels=args.levels,
             tolerance=args.tolerance / 1000.0,
             ik=args.ik,
-            progress=bar.stage,
+            progress=bar,
         )
         check_free(result.unmet, wishes)
         title = f"{Path(args.motion).stem} on {Path(args.to).stem}"
-        validation = write(
-            *(folder, result, thresholds, args, bar), title=title, constraints=wishes
-        )
+        validation = write(folder, result, thresholds, args, bar, title=title, constraints=wishes)
     return tell(args, result, validation, title=title, constraints=wishes)

@@ -3,8 +3,8 @@
 thresholds = prepare(args)                   # what can be wrong without any work comes first
 with Bar() as bar, result_folder(args.out, args.force) as folder:
     ...
-    validation = write(folder, adaptation, thresholds, args, bar, title=title)
-return tell(args, adaptation, validation, title=title)
+    validation = write(folder, result, thresholds, args, bar, title=title)
+return tell(args, result, validation, title=title)
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def prepare(args: argparse.Namespace) -> dict[str, Threshold]:
       RenderError: a video is wanted and there is no offscreen OpenGL.
     """
     from mjmotion.exceptions import RenderError
-    from mjmotion.output.results import check_output
+    from mjmotion.output.folder import check_output
     from mjmotion.validation import read_thresholds
 
     check_output(args.out, args.force)
@@ -52,7 +52,7 @@ def prepare(args: argparse.Namespace) -> dict[str, Threshold]:
 
 def write(
     folder: Path,
-    adaptation: Result,
+    result: Result,
     thresholds: Mapping[str, Threshold],
     args: argparse.Namespace,
     bar: Bar,
@@ -60,11 +60,11 @@ def write(
     title: str,
     constraints: Sequence[Constraint] = (),
 ) -> Validation:
-    """Measure an adaptation and write everything of it into a folder that is there.
+    """Measure a result and write everything of it into a folder that is there.
 
     Args:
       folder: where to write: what ``result_folder`` gave.
-      adaptation: source and motion.
+      result: what an application returned.
       thresholds: what :func:`prepare` returned.
       args: has ``no_video``.
       bar: shows the stages.
@@ -74,18 +74,14 @@ def write(
     Returns:
       The figures.
     """
-    from mjmotion.output.results import write_results
-    from mjmotion.validation import validate
+    from mjmotion.output.result import write_results
 
-    bar.stage("measuring")
-    validation = validate(
-        *(adaptation.source, adaptation.motion, adaptation.contacts),
-        thresholds=thresholds,
-        body=adaptation.body,
-    )
-    bar.stage("report and video")
+    bar("measuring")
+    validation = result.validate(thresholds)
     write_results(
-        *(folder, adaptation, validation),
+        folder,
+        result,
+        validation,
         constraints=constraints,
         video=not args.no_video,
         title=title,
@@ -96,7 +92,7 @@ def write(
 
 def tell(
     args: argparse.Namespace,
-    adaptation: Result,
+    result: Result,
     validation: Validation,
     *,
     title: str,
@@ -110,10 +106,12 @@ def tell(
     from mjmotion.constraints.unmet import all_missed
     from mjmotion.output.report import table
 
-    motion = adaptation.motion
+    motion = result.motion
     say(f"{title}: {motion.nframe} frames at {motion.fps:g} fps", "")
-    say(*level_lines(adaptation.trace), "", table(validation), "")
-    missed = all_missed(adaptation.unmet, motion, constraints)
+    if result.trace is not None:
+        say(*level_lines(result.trace), "")
+    say(table(validation), "")
+    missed = all_missed(result.unmet, motion, constraints)
     for one in missed:
         # What the scene asked has its own figures and thresholds; it is told, and no more.
         warn(f"your constraint is not met: {one}" if one.own else f"note: not met: {one}")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mjmotion.cli.arguments import count
 
-HELP = "run the paper's four jobs and print its Table 1 beside ours"
+HELP = "run the paper's four jobs and print its Table 1 next to ours"
 EXAMPLE = "mjmotion table1 --repeats 5 --json table1.json"
 
 JOBS = ("terrain", "rope", "morph", "transition")
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     import json
 
     from mjmotion.cli.terminal import Bar, say, warn
-    from mjmotion.output.results import check_file
+    from mjmotion.output.folder import check_file
     from mjmotion.paper import table1
     from mjmotion.paper.print_table1 import lines
 
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
         check_file(args.json, args.force)
     names = list(dict.fromkeys(args.jobs))
     with Bar() as bar:
-        found = table1.run(names, args.repeats, ways=not args.no_ways, progress=bar.stage)
+        found = table1.run(names, args.repeats, ways=not args.no_ways, progress=bar)
     say(*lines(found))
     if args.json:
         args.json.write_text(json.dumps(found.as_dict(), indent=1, allow_nan=False) + "\n", "utf-8")
