@@ -35,8 +35,10 @@ if TYPE_CHECKING:
     from mjmotion.exceptions import MotionError
     from mjmotion.fitting import fit
     from mjmotion.footsteps.contacts import Contact, detect_contacts, load_contacts
+    from mjmotion.output.folder import result_folder
+    from mjmotion.output.reading import read_results
     from mjmotion.output.report import Report
-    from mjmotion.output.results import read_results, result_folder, write_results
+    from mjmotion.output.result import write_results
     from mjmotion.output.video import render_video
     from mjmotion.scene import Scene, load_scene
     from mjmotion.validation import validate
@@ -66,13 +68,13 @@ _MODULES = {
     "load_scene": "scene",
     "make_character": "body.proportions",
     "morph": "apps.morph.fitting",
-    "read_results": "output.results",
+    "read_results": "output.reading",
     "render_video": "output.video",
-    "result_folder": "output.results",
+    "result_folder": "output.folder",
     "retarget": "apps.retarget.moving",
     "transition": "apps.transition.join",
     "validate": "validation",
-    "write_results": "output.results",
+    "write_results": "output.result",
 }
 
 __all__ = [

@@ -8,10 +8,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from mjmotion import result_folder, write_results
 from mjmotion.apps.adaptation import adapt
 from mjmotion.clips import load_clip
 from mjmotion.output.report import table
-from mjmotion.output.results import result_folder, write_results
 from mjmotion.scene import Scene, terrain
 from mjmotion.validation import validate
 

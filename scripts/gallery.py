@@ -159,8 +159,8 @@ def make(piece: Piece, out: Path, stills: Path | None) -> int:
 
 def paper_transition(out: Path) -> int:
     """Fit and write the transitions of Table 1: a part of what ``join walk sneak walk`` gives."""
+    from mjmotion import result_folder, write_results
     from mjmotion.output.result import Result
-    from mjmotion.output.results import result_folder, write_results
     from mjmotion.paper.transition import make_job
     from mjmotion.scene import compose
     from mjmotion.validation import validate

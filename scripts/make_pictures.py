@@ -10,7 +10,7 @@ from pathlib import Path
 
 import imageio.v3 as iio
 
-from mjmotion.output.results import read_results
+from mjmotion import read_results
 from mjmotion.output.video import render_frames, render_strip
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "images"

@@ -11,7 +11,7 @@ from pathlib import Path
 import imageio.v3 as iio
 import numpy as np
 
-from mjmotion.output.results import read_results
+from mjmotion import read_results
 from mjmotion.output.video import render_frames, render_video
 
 

@@ -9,7 +9,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from mjmotion.output.results import read_results
+from mjmotion import read_results
 from mjmotion.validation import validate
 
 

@@ -19,7 +19,8 @@ from mjmotion.cli import main as cli
 from mjmotion.cli.scene import SCENES as SCENE_KINDS
 from mjmotion.clips import load_clip
 from mjmotion.exceptions import OutputError, RenderError
-from mjmotion.output.results import check_output, read_results, result_folder
+from mjmotion.output.folder import check_output, result_folder
+from mjmotion.output.reading import read_results
 from mjmotion.output.video import ensure_gl
 from mjmotion.scene import BUILDERS
 

@@ -19,8 +19,8 @@ from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ConstraintError, ContactError, FitError, ModelError
 from mjmotion.footsteps.contacts import Contact, detect_contacts
 from mjmotion.numerics.bspline import basis
+from mjmotion.output.reading import read_results
 from mjmotion.output.result import Result
-from mjmotion.output.results import read_results
 
 FRAME = 45
 SINK = (0.0, 0.0, -0.15)

@@ -22,14 +22,9 @@ from mjmotion.body.proportions import Proportions, make_character
 from mjmotion.cli import main as cli
 from mjmotion.exceptions import ContactError, ModelError, MotionError, RenderError
 from mjmotion.footsteps.contacts import Contact, contact_mask, detect_contacts, save_contacts
-from mjmotion.output.report import Report
-from mjmotion.output.result import Result
-from mjmotion.output.results import (
-    read_motion,
-    read_results,
-    result_folder,
-    write_results,
-)
+from mjmotion.output.folder import result_folder
+from mjmotion.output.reading import load_model, read_motion, read_results
+from mjmotion.output.result import Result, write_results
 from mjmotion.paper.morph import make_job
 from mjmotion.scene import with_ground
 from mjmotion.validation import validate
@@ -410,7 +405,7 @@ def test_folder_holds_the_body_and_is_measured_again(folder: Path) -> None:
     ours = body_poses(morphed().body, morphed().motion.qpos)
     theirs = body_poses(results.body, results.motion.qpos)
     assert np.allclose(ours.site, theirs.site, atol=1e-6)
-    again = Report.from_folder(folder)
+    again = results.report()
     assert again.broken == [] and again.metrics["stance_drift_mm"] < 0.01
     report = json.loads((folder / "report.json").read_text("utf-8"))
     assert len(report["levels"]) == len(morphed().trace.levels)

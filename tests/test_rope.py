@@ -23,7 +23,7 @@ from mjmotion.clips.climb_grip import FEET, find_grips
 from mjmotion.clips.climb_plan import Hold
 from mjmotion.constraints import load_constraints
 from mjmotion.exceptions import ConstraintError, ModelError, RenderError, SceneError
-from mjmotion.output.results import read_results
+from mjmotion.output.reading import read_results
 from mjmotion.paper.rope import make_job
 from mjmotion.scene import Scene, compose, load_scene, rope, save_model
 
@@ -281,12 +281,14 @@ def test_another_skeleton_cannot_climb(tmp_path: Path) -> None:
 
 
 def test_pictures_of_both(tmp_path: Path) -> None:
-    from mjmotion.output.video.side_by_side import beside_frames, render_beside
+    from mjmotion.output.video.side_by_side import render_side_by_side, side_by_side_frames
 
     climb = small()
     motions, names = (climb.original, climb.motion), ("humanoid", "climber")
     try:
-        picture = beside_frames(motions, [46], names, holds=marks(climb), width=480, height=300)[0]
+        picture = side_by_side_frames(
+            motions, [46], names, grasps=marks(climb), width=480, height=300
+        )[0]
     except RenderError as error:
         if "does not start" in str(error) or "apt-get" in str(error):
             pytest.skip(str(error))
@@ -295,12 +297,12 @@ def test_pictures_of_both(tmp_path: Path) -> None:
     left, right = picture[40:260, :238].astype(int), picture[40:260, 242:].astype(int)
     assert np.abs(left[:, :236] - right[:, :236]).mean() > 1.0  # two bodies, not one twice
     short = [Motion(motion.model, motion.qpos[40:43], motion.fps) for motion in motions]
-    path = render_beside(tmp_path / "r.mp4", short, names, width=160, height=120)
+    path = render_side_by_side(tmp_path / "r.mp4", short, names, width=160, height=120)
     assert path.stat().st_size > 500
     with pytest.raises(RenderError, match="same frames"):
-        beside_frames((motions[0], short[1]), [0], names, width=160, height=120)
+        side_by_side_frames((motions[0], short[1]), [0], names, width=160, height=120)
     with pytest.raises(RenderError, match="frames 0 to 274"):
-        beside_frames(motions, [275], names, width=160, height=120)
+        side_by_side_frames(motions, [275], names, width=160, height=120)
 
 
 def test_the_job_is_the_papers() -> None:

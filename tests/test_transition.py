@@ -35,8 +35,8 @@ from mjmotion.exceptions import ClipError, ContactError
 from mjmotion.footsteps.contacts import Contact, contact_mask, detect_contacts
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.numerics.tangent import ominus
+from mjmotion.output.reading import read_results
 from mjmotion.output.result import Result
-from mjmotion.output.results import read_results
 from mjmotion.paper.transition import FRAMES, make_clips, make_job, make_walk_464
 from mjmotion.scene import compose, load_scene
 from mjmotion.validation import Validation, validate
@@ -500,8 +500,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_command_writes_what_it_says(folder: Path) -> None:
     result = read_results(folder)
-    assert result.motion.nframe == result.source.nframe and result.report["broken"] == []
-    assert result.contacts and result.report["metrics"]["stance_drift_mm"] < 1.0
+    assert result.motion.nframe == result.source.nframe and result.saved_report["broken"] == []
+    assert result.contacts and result.saved_report["metrics"]["stance_drift_mm"] < 1.0
 
 
 def test_results_serve_as_clips(folder: Path, tmp_path: Path) -> None:

@@ -156,7 +156,7 @@ def side_by_side(gl: None, tmp_path_factory: pytest.TempPathFactory) -> SideBySi
         contacts=[Contact("left_heel", 0, 96)],
         width=320,
         height=180,
-        progress=lambda done, total: calls.append((done, total)),
+        progress=lambda stage, done, of: calls.append((stage, done, of)),
     )
     return path, calls, *decode(path)
 
@@ -168,7 +168,7 @@ def test_video_has_the_size_rate_and_frames_asked_for(side_by_side: SideBySide) 
     assert meta["size"] == (320, 180)
     assert meta["codec"] == "h264"
     assert meta["pix_fmt"].startswith("yuv420p")
-    assert calls == [(i, 24) for i in range(1, 25)]
+    assert calls == [("video", i, 24) for i in range(1, 25)]
     assert [p.name for p in path.parent.iterdir()] == ["walk.mp4"]
 
 

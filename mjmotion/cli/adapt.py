@@ -58,39 +58,36 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Adapt a clip to a scene, validate the result and write everything into a folder."""
     from mjmotion.apps.adaptation import adapt
-    from mjmotion.body.assets import find_asset
     from mjmotion.cli.run import prepare, tell, write
     from mjmotion.cli.terminal import Bar
     from mjmotion.clips import load_clip
     from mjmotion.constraints import load_constraints
     from mjmotion.constraints.unmet import check_free
     from mjmotion.footsteps.contacts import load_contacts
-    from mjmotion.output.results import load_model, result_folder
+    from mjmotion.output.folder import result_folder
     from mjmotion.scene import load_scene
 
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
-        bar.stage("reading scene and clip")
+        bar("reading scene and clip")
         scene = load_scene(args.scene)
-        model = load_model(find_asset("model", args.character))
-        clip = load_clip(args.clip, model, mapping=args.mapping, fps=args.fps)
-        contacts = load_contacts(args.contacts, model, clip.nframe) if args.contacts else None
-        wishes = load_constraints(args.constraints, model, clip.nframe) if args.constraints else ()
-        adaptation = adapt(
+        clip = load_clip(args.clip, args.character, mapping=args.mapping, fps=args.fps)
+        contacts = load_contacts(args.contacts, clip.model, clip.nframe) if args.contacts else None
+        own = (
+            load_constraints(args.constraints, clip.model, clip.nframe) if args.constraints else ()
+        )
+        result = adapt(
             clip,
             scene,
-            character=args.character,
             contacts=contacts,
-            constraints=wishes,
+            constraints=own,
             free_footholds=args.free_footholds,
             levels=args.levels,
             tolerance=args.tolerance / 1000.0,
             ik=args.ik,
-            progress=bar.stage,
+            progress=bar,
         )
-        check_free(adaptation.unmet, wishes)
+        check_free(result.unmet, own)
         title = f"{Path(args.clip).stem} on {scene.name}"
-        validation = write(
-            *(folder, adaptation, thresholds, args, bar), title=title, constraints=wishes
-        )
-    return tell(args, adaptation, validation, title=title, constraints=wishes)
+        validation = write(folder, result, thresholds, args, bar, title=title)
+    return tell(args, result, validation, title=title)

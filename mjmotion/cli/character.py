@@ -47,7 +47,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make a character and write it with its assets."""
-    from mjmotion.body.kinematics import character_height
     from mjmotion.body.proportions import Proportions, flexible_spine, make_character
     from mjmotion.cli.terminal import Bar, say
     from mjmotion.exceptions import OutputError
@@ -60,13 +59,14 @@ def run(args: argparse.Namespace) -> int:
         raise OutputError(f"'{out}' exists already: give another --out, or --force")
     proportions = Proportions(**{name: getattr(args, name) for name in FACTORS})
     with Bar() as bar:
-        bar.stage("making the character")
-        spec = make_character(args.source, proportions)
+        bar("making the character")
+        character = make_character(args.source, proportions)
         if args.flexible_spine:
-            spec = flexible_spine(spec)
+            character = flexible_spine(character)
+        spec = character.spec.copy()
         spec.modelname = out.stem
         path = save_model(spec, out.parent, out.name)
-    model = spec.compile()
+    model = character.model
     mass = float(model.body_subtreemass[model.jnt_bodyid[0]])
-    say(f"model   {path}", f"{character_height(model):.2f} m, {mass:.1f} kg, {model.nv} DOFs")
+    say(f"model   {path}", f"{character.height:.2f} m, {mass:.1f} kg, {model.nv} DOFs")
     return 0

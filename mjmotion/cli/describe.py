@@ -8,12 +8,14 @@ import mujoco
 import numpy as np
 
 from mjmotion.body.assets import asset_names, find_asset
-from mjmotion.body.kinematics import Kinematics, character_geoms, character_height, root_body
+from mjmotion.body.character import Character
+from mjmotion.body.kinematics import Kinematics, character_geoms, root_body
 from mjmotion.body.motion import Motion
 from mjmotion.clips import builtin_clips, load_clip
 from mjmotion.exceptions import MotionError, unknown_name
 from mjmotion.footsteps.contacts import Contact, detect_contacts
-from mjmotion.output.results import Results, load_model, read_results
+from mjmotion.output.reading import load_model, read_results
+from mjmotion.output.result import Result
 from mjmotion.scene import Scene, load_scene
 
 _GEOMS = {
@@ -40,7 +42,7 @@ def describe(what: str) -> list[str]:
     """
     path = Path(what)
     if path.is_dir():
-        return describe_results(read_results(path))
+        return describe_result(path, read_results(path))
     if path.suffix.lower() == ".xml":
         return describe_model(what, load_model(path))
     if path.is_file() or what in builtin_clips():
@@ -61,11 +63,11 @@ def describe_motion(name: str, motion: Motion) -> list[str]:
     return [*lines, _contact_line(detect_contacts(motion))]
 
 
-def describe_results(results: Results) -> list[str]:
-    """Return lines about an output folder: motion, contacts, ground, figures."""
-    lines = [f"result      {results.folder}", *_motion_lines(results.motion)]
-    lines += [_contact_line(results.contacts), _ground_line(results.model)]
-    metrics = results.report.get("metrics", {})
+def describe_result(folder: Path, result: Result) -> list[str]:
+    """Return lines about an output folder: motion, contacts, ground, figures of its report."""
+    lines = [f"result      {folder}", *_motion_lines(result.motion)]
+    lines += [_contact_line(result.contacts), _ground_line(result.model)]
+    metrics = result.saved_report.get("metrics", {})
     for name, value in metrics.items():
         lines.append(f"  {name:<28} {value:.4g}" if value is not None else f"  {name:<28} -")
     return lines
@@ -89,7 +91,7 @@ def describe_model(name: str, model: mujoco.MjModel) -> list[str]:
     lines = [
         f"model       {name}",
         f"size        nq {model.nq}, nv {model.nv}, {model.njnt} joints, {model.nbody - 1} bodies",
-        f"character   {root}: {character_height(model):.2f} m, {mass:.1f} kg",
+        f"character   {root}: {Character(model).height:.2f} m, {mass:.1f} kg",
         f"sites       {', '.join(sites) or 'none'}",
     ]
     if len(character_geoms(model)) < model.ngeom:

@@ -12,9 +12,10 @@ from mjmotion.cli.arguments import (
     add_folder,
     add_reading,
     add_thresholds,
-    count,
     frame,
+    levels,
     number,
+    positive,
 )
 
 if TYPE_CHECKING:
@@ -23,12 +24,13 @@ if TYPE_CHECKING:
 
 HELP = "change one frame; the frames that seven knots cover follow smoothly"
 EXAMPLE = (
-    "mjmotion edit-frame walk --frame 60 --site pelvis --by 0 0 -0.15 --spacing 12 --levels 4"
+    "mjmotion edit-frame walk --frame 60 --site pelvis --by 0 0 -0.15 --levels 12,6,3,1.5"
     " --out out/edit"
 )
 
 _ROUNDING = 1e-6  # by which a figure may be worse and still be the same
-SPACINGS = (4, 6, 12)  # those of Figure 2, drawn beside the chosen one
+LEVELS = (12.0, 6.0, 3.0, 1.5)  # those of mjmotion.apps.edit, which is imported late
+FIRST = (4, 6, 12)  # frames a knot of the first levels of Figure 2, drawn with the chosen one
 
 
 class _Move(argparse.Action):
@@ -69,9 +71,18 @@ def arguments(parser: argparse.ArgumentParser) -> None:
             default=argparse.SUPPRESS,
         )
     parser.add_argument(
-        "--spacing", type=count, default=12, help="frames between knots of the first level: 12"
+        "--levels",
+        type=levels,
+        default=LEVELS,
+        help="frames a knot per level; the first says how far the change goes: 12,6,3,1.5",
     )
-    parser.add_argument("--levels", type=count, default=4, help="number of levels, knots halve: 4")
+    parser.add_argument(
+        "--tolerance",
+        type=positive,
+        metavar="MM",
+        default=0.1,
+        help="stop refining at this error [mm]: 0.1",
+    )
     parser.add_argument(
         "--hold",
         choices=("feet", "contacts", "frame"),
@@ -118,6 +129,12 @@ def _not_the_edit_s(
     return left
 
 
+def _halved(first: float, count: int) -> tuple[float, ...]:
+    """Return so many levels, each with knots half as far apart, none below a frame a knot."""
+    halved = (first / 2.0**level for level in range(count))
+    return tuple(frames_per_knot for frames_per_knot in halved if frames_per_knot >= 1.0)
+
+
 def run(args: argparse.Namespace) -> int:
     """Edit a frame, validate the result and write everything into a folder, with a plot."""
     from mjmotion.apps.edit import Span, edit_frame
@@ -126,7 +143,8 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.cli.terminal import Bar, say
     from mjmotion.exceptions import ConstraintError
     from mjmotion.footsteps.contacts import load_contacts
-    from mjmotion.output.results import read_motion, result_folder
+    from mjmotion.output.folder import result_folder
+    from mjmotion.output.reading import read_motion
 
     kinds = {kind for kind, _ in args.moves}
     if len(kinds) != 1 or len(args.moves) != len(args.site):
@@ -136,34 +154,34 @@ def run(args: argparse.Namespace) -> int:
         )
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
-        bar.stage("reading the motion")
-        motion, contacts, character = read_motion(
+        bar("reading the motion")
+        motion, contacts = read_motion(
             args.motion, args.character, mapping=args.mapping, fps=args.fps
         )
         if args.contacts:
             contacts = load_contacts(args.contacts, motion.model, motion.nframe)
-        bar.stage("editing")
+        bar("editing")
         drags: dict[str, Any] = {kinds.pop(): [values for _, values in args.moves]}
+        chosen = int(args.levels[0])
         edits = {
-            spacing: edit_frame(
+            first: edit_frame(
                 motion,
                 args.frame,
                 args.site,
                 **drags,
-                spacing=spacing,
-                levels=args.levels,
+                levels=args.levels if first == chosen else _halved(first, len(args.levels)),
+                tolerance=args.tolerance / 1000.0,
                 contacts=contacts,
                 hold=args.hold,
-                character=character,
             )
-            for spacing in sorted({args.spacing, *SPACINGS})
+            for first in sorted({chosen, *FIRST})
         }
-        edited = edits[args.spacing]
+        edited = edits[chosen]
         title = f"{Path(args.motion).stem} edited at frame {args.frame}"
         thresholds |= _not_the_edit_s(edited, thresholds, args.threshold)
         validation = write(folder, edited, thresholds, args, bar, title=title)
         write_ranges(folder / "edit.png", edits, args.frame)
-    frames = Span(args.frame, args.spacing, motion.nframe).frames
+    frames = Span(args.frame, chosen, motion.nframe).frames
     say(f"{len(frames)} frames change, {frames[0]} to {frames[-1]}")
     code = tell(args, edited, validation, title=title)
     say(f"plot    {args.out / 'edit.png'}")

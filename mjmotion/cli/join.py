@@ -72,43 +72,39 @@ def join_clips(
     Returns:
       The exit code.
     """
+    from mjmotion.apps.adaptation import FitSettings
     from mjmotion.apps.transition import blend_clips, keep_contacts
     from mjmotion.cli.run import prepare, tell, write
     from mjmotion.cli.terminal import Bar, say, warn
-    from mjmotion.output.results import read_motion, result_folder
+    from mjmotion.output.folder import result_folder
+    from mjmotion.output.reading import read_motion
     from mjmotion.validation.figures import joint_jerk_ratio
 
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
-        bar.stage("reading clips")
+        bar("reading clips")
         given = [
             read_motion(name, args.character, mapping=args.mapping, fps=args.fps) for name in names
         ]
         clips = [one.motion for one in given]
-        bar.stage("overlaps and blends")
+        bar("overlaps and blends")
         joined = blend_clips(
             clips, overlaps=places, contacts=[one.contacts for one in given], length=args.length
         )
-        adaptation = keep_contacts(
-            joined,
-            character=given[0].character,
-            levels=args.levels,
-            tolerance=args.tolerance / 1000.0,
-            ik=args.ik,
-            progress=bar.stage,
-        )
+        settings = FitSettings(args.levels, args.tolerance / 1000.0, args.ik, bar)
+        result = keep_contacts(joined, settings)
         title = " to ".join(Path(name).stem for name in names)
-        validation = write(folder, adaptation, thresholds, args, bar, title=title)
+        validation = write(folder, result, thresholds, args, bar, title=title)
     for name, clip in zip(names, clips, strict=True):
         if clip.fps != joined.motion.fps:
             warn(
                 f"note: {name} was resampled from {clip.fps:g} to {joined.motion.fps:g} frames a"
                 " second, the rate of the first clip"
             )
-    largest = joint_jerk_ratio(adaptation.motion, joined.clips)
+    largest = joint_jerk_ratio(result.motion, joined.clips)
     say(*_place_lines(names, joined), f"joint jerk over that of the clip with most: {largest:.2f}")
     say("")
-    return tell(args, adaptation, validation, title=title)
+    return tell(args, result, validation, title=title)
 
 
 def _place_lines(names: Sequence[str], joined: Joined) -> list[str]:

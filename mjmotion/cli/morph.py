@@ -11,6 +11,7 @@ from mjmotion.cli.arguments import (
     add_reading,
     add_thresholds,
     levels,
+    positive,
 )
 
 HELP = "change the size of a walk's character from frame to frame, its stride as it was"
@@ -36,6 +37,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--contacts", type=Path, help="contacts.json to use instead of finding them"
     )
     parser.add_argument("--levels", type=levels, help="frames a knot per level: 16,8,4,2")
+    parser.add_argument(
+        "--tolerance",
+        type=positive,
+        metavar="MM",
+        default=0.1,
+        help="stop refining at this error [mm]: 0.1",
+    )
     parser.add_argument("--ik", choices=("hybrid", "numeric"), default="hybrid", help="IK solver")
     add_reading(parser)
     add_thresholds(parser)
@@ -65,8 +73,10 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.cli.terminal import Bar
     from mjmotion.exceptions import MotionError, unknown_name
     from mjmotion.footsteps.contacts import load_contacts
-    from mjmotion.output.results import Given, read_motion, result_folder
+    from mjmotion.output.folder import result_folder
+    from mjmotion.output.reading import read_motion
     from mjmotion.paper.morph import KEYS, paper_walk
+    from mjmotion.scene import without_scene
 
     thresholds = prepare(args)
     asked = args.keys if args.keys is not None else KEYS
@@ -78,27 +88,24 @@ def run(args: argparse.Namespace) -> int:
             if name not in parts:
                 raise MotionError(unknown_name("proportion", name, parts))
     with Bar() as bar, result_folder(args.out, args.force) as folder:
-        bar.stage("reading the clip and making the bodies")
-        given = (
-            Given(*paper_walk(args.character))
+        bar("reading the clip and making the bodies")
+        motion, contacts = (
+            paper_walk(args.character or "humanoid")
             if args.clip is None
             else read_motion(args.clip, args.character, mapping=args.mapping, fps=args.fps)
         )
-        motion, contacts, character = given
         if args.contacts:
             contacts = load_contacts(args.contacts, motion.model, motion.nframe)
-        keys = [
-            (frame, make_character(character, Proportions(**factors)).compile())
-            for frame, factors in asked
-        ]
+        body = without_scene(motion.character)
+        keys = [(frame, make_character(body, Proportions(**factors))) for frame, factors in asked]
         result = morph(
             motion,
             keys,
-            character=character,
             contacts=contacts,
             levels=args.levels,
+            tolerance=args.tolerance / 1000.0,
             ik=args.ik,
-            progress=bar.stage,
+            progress=bar,
         )
         title = f"{Path(args.clip).stem if args.clip else 'A walk'}, morphing"
         validation = write(folder, result, thresholds, args, bar, title=title)

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from mjmotion.cli.arguments import size
-
-if TYPE_CHECKING:
-    from mjmotion.apps.morph import MorphBody
-    from mjmotion.body.motion import Motion
-    from mjmotion.footsteps.contacts import Contact
 
 HELP = "make a video of a result or of a motion file"
 EXAMPLE = "mjmotion render out/walk --out walk.mp4"
@@ -37,39 +32,26 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.body.motion import Motion
     from mjmotion.cli.terminal import Bar, say
     from mjmotion.exceptions import MotionError
-    from mjmotion.output.results import VIDEO, check_file, load_model, read_results
+    from mjmotion.output.folder import VIDEO, check_file
+    from mjmotion.output.reading import load_model, read_results
     from mjmotion.output.video import render_video
 
-    source: Motion | None = None
-    contacts: tuple[Contact, ...] = ()
-    body: MorphBody | None = None
-    if args.path.is_dir():
-        out = args.out or args.path / VIDEO
-        check_file(out, args.force)
-        results = read_results(args.path)
-        motion, source, contacts = results.motion, results.source, results.contacts
-        body = results.body
-    elif not args.path.exists():
-        raise MotionError(f"'{args.path}' does not exist: give a result folder or a motion file")
-    else:
-        if args.model is None:
-            raise MotionError(f"'{args.path}' is not a result folder: a motion file needs --model")
-        out = args.out or args.path.with_suffix(".mp4")
-        check_file(out, args.force)
-        motion = Motion.load(args.path, load_model(args.model))
     width, height = args.size
+    options: dict[str, Any] = {"layout": args.layout, "width": width, "height": height}
+    folder = args.path.is_dir()
+    if not args.path.exists():
+        raise MotionError(f"'{args.path}' does not exist: give a result folder or a motion file")
+    if not folder and args.model is None:
+        raise MotionError(f"'{args.path}' is not a result folder: a motion file needs --model")
+    out = args.out or (args.path / VIDEO if folder else args.path.with_suffix(".mp4"))
+    check_file(out, args.force)
     with Bar() as bar:
-        bar.stage("rendering")
-        path = render_video(
-            out,
-            motion,
-            source,
-            contacts=contacts,
-            body=body,
-            layout=args.layout,
-            width=width,
-            height=height,
-            progress=bar,
-        )
+        bar("reading")
+        if folder:
+            result = read_results(args.path)
+            path = result.render(out, force=args.force, progress=bar, **options)
+        else:
+            motion = Motion.load(args.path, load_model(args.model))
+            path = render_video(out, motion, progress=bar, **options)
     say(f"video   {path}")
     return 0

@@ -59,43 +59,44 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Retarget a motion, validate the result and write everything into a folder."""
     from mjmotion.apps.retarget import retarget
+    from mjmotion.body.character import Character
     from mjmotion.cli.run import prepare, tell, write
     from mjmotion.cli.terminal import Bar
     from mjmotion.constraints import load_constraints
     from mjmotion.constraints.unmet import check_free
     from mjmotion.footsteps.contacts import load_contacts
-    from mjmotion.output.results import read_motion, result_folder
-    from mjmotion.scene import load_character, load_scene, scene_of
+    from mjmotion.output.folder import result_folder
+    from mjmotion.output.reading import read_motion
+    from mjmotion.scene import load_scene, scene_of
 
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
-        bar.stage("reading motion and models")
+        bar("reading motion and models")
         given = read_motion(args.motion, args.character, mapping=args.mapping, fps=args.fps)
         motion = given.motion
-        model = load_character(args.to).compile()
-        own = scene_of(given.character)
+        body, own = Character.load(args.to), scene_of(motion.character)
         scene = load_scene(args.scene or "flat") if args.scene or own is None else own
         contacts = given.contacts
         if args.contacts:
             contacts = load_contacts(args.contacts, motion.model, motion.nframe)
-        wishes = (
-            load_constraints(args.constraints, model, motion.nframe) if args.constraints else ()
+        constraints = (
+            load_constraints(args.constraints, body.model, motion.nframe)
+            if args.constraints
+            else ()
         )
         result = retarget(
             motion,
-            args.to,
+            body,
             stride=args.stride,
             contacts=contacts,
             scene=scene,
-            constraints=wishes,
+            constraints=constraints,
             levels=args.levels,
             tolerance=args.tolerance / 1000.0,
             ik=args.ik,
-            progress=bar.stage,
+            progress=bar,
         )
-        check_free(result.unmet, wishes)
+        check_free(result.unmet, constraints)
         title = f"{Path(args.motion).stem} on {Path(args.to).stem}"
-        validation = write(
-            *(folder, result, thresholds, args, bar), title=title, constraints=wishes
-        )
-    return tell(args, result, validation, title=title, constraints=wishes)
+        validation = write(folder, result, thresholds, args, bar, title=title)
+    return tell(args, result, validation, title=title)

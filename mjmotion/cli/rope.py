@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.apps.rope.folder import write_climb
     from mjmotion.cli.terminal import Bar, level_lines, no_rendering, path_lines, say, warn
     from mjmotion.exceptions import RenderError
-    from mjmotion.output.results import check_output, result_folder
+    from mjmotion.output.folder import check_output, result_folder
     from mjmotion.scene.rope import BEAM, EDGE
 
     check_output(args.out, args.force)
@@ -43,9 +43,9 @@ def run(args: argparse.Namespace) -> int:
             edge=EDGE if args.edge is None else args.edge,
             levels=args.levels,
             ik=args.ik,
-            progress=bar.stage,
+            progress=bar,
         )
-        bar.stage("report and video")
+        bar("report")
         write_climb(folder, climb, video=not args.no_video, progress=bar)
     motion = climb.motion
     say(f"rope climb of the {climb.character}: {motion.nframe} frames at {motion.fps:g} fps", "")

@@ -3,14 +3,14 @@
 thresholds = prepare(args)                   # what can be wrong without any work comes first
 with Bar() as bar, result_folder(args.out, args.force) as folder:
     ...
-    validation = write(folder, adaptation, thresholds, args, bar, title=title)
-return tell(args, adaptation, validation, title=title)
+    validation = write(folder, result, thresholds, args, bar, title=title)
+return tell(args, result, validation, title=title)
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +25,6 @@ from mjmotion.cli.terminal import (
 )
 
 if TYPE_CHECKING:
-    from mjmotion.constraints import Constraint
     from mjmotion.output.result import Result
     from mjmotion.validation import Validation
     from mjmotion.validation.thresholds import Threshold
@@ -40,7 +39,7 @@ def prepare(args: argparse.Namespace) -> dict[str, Threshold]:
       RenderError: a video is wanted and there is no offscreen OpenGL.
     """
     from mjmotion.exceptions import RenderError
-    from mjmotion.output.results import check_output
+    from mjmotion.output.folder import check_output
     from mjmotion.validation import read_thresholds
 
     check_output(args.out, args.force)
@@ -52,41 +51,34 @@ def prepare(args: argparse.Namespace) -> dict[str, Threshold]:
 
 def write(
     folder: Path,
-    adaptation: Result,
+    result: Result,
     thresholds: Mapping[str, Threshold],
     args: argparse.Namespace,
     bar: Bar,
     *,
     title: str,
-    constraints: Sequence[Constraint] = (),
 ) -> Validation:
-    """Measure an adaptation and write everything of it into a folder that is there.
+    """Measure a result and write everything of it into a folder that is there.
 
     Args:
       folder: where to write: what ``result_folder`` gave.
-      adaptation: source and motion.
+      result: what an application returned.
       thresholds: what :func:`prepare` returned.
       args: has ``no_video``.
       bar: shows the stages.
       title: what the report is called.
-      constraints: the user's own.
 
     Returns:
       The figures.
     """
-    from mjmotion.output.results import write_results
-    from mjmotion.validation import validate
+    from mjmotion.output.result import write_results
 
-    bar.stage("measuring")
-    validation = validate(
-        *(adaptation.source, adaptation.motion, adaptation.contacts),
-        thresholds=thresholds,
-        body=adaptation.body,
-    )
-    bar.stage("report and video")
+    bar("measuring")
+    validation = result.validate(thresholds)
     write_results(
-        *(folder, adaptation, validation),
-        constraints=constraints,
+        folder,
+        result,
+        validation,
         video=not args.no_video,
         title=title,
         progress=bar,
@@ -96,11 +88,10 @@ def write(
 
 def tell(
     args: argparse.Namespace,
-    adaptation: Result,
+    result: Result,
     validation: Validation,
     *,
     title: str,
-    constraints: Sequence[Constraint] = (),
 ) -> int:
     """Say what came of it: levels, figures, what is not met, and where the files are.
 
@@ -109,16 +100,15 @@ def tell(
     """
     from mjmotion.output.report import table
 
-    motion = adaptation.motion
+    motion = result.motion
     say(f"{title}: {motion.nframe} frames at {motion.fps:g} fps", "")
-    say(*level_lines(adaptation.trace), "", table(validation), "")
-    for one in adaptation.unmet:
+    if result.trace is not None:
+        say(*level_lines(result.trace), "")
+    say(table(validation), "")
+    for one in result.unmet:
         # What the scene asked has its own figures and thresholds; it is told, and no more.
-        warn(
-            f"your constraint is not met: {one}"
-            if one.source == "user"
-            else f"note: not met: {one}"
-        )
+        mine = one.source == "user"
+        warn(f"your constraint is not met: {one}" if mine else f"note: not met: {one}")
     broken = tell_broken(validation)
     say(*path_lines(args.out))
-    return 1 if broken or any(one.source == "user" for one in adaptation.unmet) else 0
+    return 1 if broken or any(one.source == "user" for one in result.unmet) else 0

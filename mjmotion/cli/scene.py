@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         options["doorways"] = [Doorway(**door) for door in options["doorways"]]
     source = [args.source] if args.kind == "heights" else []
     with Bar() as bar:
-        bar.stage("making the scene")
+        bar("making the scene")
         made = Scene.from_spec(BUILDERS[args.kind](*source, **options), out.stem)
         path = save_model(made.spec, out.parent, out.name)
     say(f"scene   {path}")

@@ -11,7 +11,7 @@ from mjmotion.cli.arguments import count
 if TYPE_CHECKING:
     from mjmotion.paper.table1 import Table1
 
-HELP = "run the paper's four jobs and print its Table 1 beside ours"
+HELP = "run the paper's four jobs and print its Table 1 next to ours"
 EXAMPLE = "mjmotion table1 --repeats 5 --json table1.json"
 
 JOBS = ("terrain", "rope", "morph", "transition")
@@ -42,7 +42,7 @@ def measure(args: argparse.Namespace) -> Table1:
     import json
 
     from mjmotion.cli.terminal import Bar, say, warn
-    from mjmotion.output.results import check_file
+    from mjmotion.output.folder import check_file
     from mjmotion.paper import table1
     from mjmotion.paper.print_table1 import lines
 
@@ -50,7 +50,7 @@ def measure(args: argparse.Namespace) -> Table1:
         check_file(args.json, args.force)
     names = list(dict.fromkeys(args.jobs))
     with Bar() as bar:
-        table = table1.run(names, args.repeats, ablations=not args.no_ablations, progress=bar.stage)
+        table = table1.run(names, args.repeats, ablations=not args.no_ablations, progress=bar)
     say(*lines(table))
     if args.json:
         args.json.write_text(json.dumps(table.as_dict(), indent=1, allow_nan=False) + "\n", "utf-8")

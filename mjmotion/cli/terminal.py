@@ -26,7 +26,7 @@ def warn(line: str) -> None:
 class Bar:
     """What is being done, and how far it is, on stderr; nothing where that is no terminal.
 
-    ``stage`` is for steps one after the other; calling the bar counts frames within a step.
+    A :data:`mjmotion.numerics.progress.Progress`, to be given to whatever takes one.
     """
 
     def __init__(self) -> None:
@@ -34,22 +34,20 @@ class Bar:
 
         self._make = partial(tqdm, leave=False, disable=None, file=sys.stderr)
         self._bar: Any = None
-        self._text = ""
+        self._shown: tuple[str, int] | None = None
 
-    def __call__(self, done: int, total: int) -> None:
-        """Show how much of the step is done."""
-        if self._bar.total != total:
-            self._show(self._text, total=total, unit="frame")
-        self._bar.update(done - self._bar.n)
-
-    def stage(self, text: str) -> None:
-        """Show which step begins."""
-        self._text = text
-        self._show(f"{text} …", total=1, bar_format="{desc}")
-
-    def _show(self, text: str, **settings: Any) -> None:
-        self.__exit__()
-        self._bar = self._make(desc=text, **settings)
+    def __call__(self, stage: str, done: int = 0, of: int = 0) -> None:
+        """Show what is being done and, where ``of`` is above 0, how much of it is."""
+        if self._shown != (stage, of):
+            self.__exit__()
+            self._shown = (stage, of)
+            self._bar = (
+                self._make(desc=stage, total=of, bar_format=_COUNTED)
+                if of
+                else self._make(desc=f"{stage} …", total=1, bar_format="{desc}")
+            )
+        if of:
+            self._bar.update(done - self._bar.n)
 
     def __enter__(self) -> Bar:
         return self
@@ -57,6 +55,9 @@ class Bar:
     def __exit__(self, *_: object) -> None:
         if self._bar is not None:
             self._bar.close()
+
+
+_COUNTED = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}]"
 
 
 def no_rendering() -> str:
@@ -99,7 +100,7 @@ def tell_broken(validation: Validation) -> bool:
 
 def path_lines(folder: Path) -> list[str]:
     """Return the paths that a person wants to open next."""
-    from mjmotion.output.results import PAGE, VIDEO
+    from mjmotion.output.folder import PAGE, VIDEO
 
     names = [("report", PAGE), ("video", VIDEO)]
     return [f"{what:7} {folder / name}" for what, name in names if (folder / name).is_file()]

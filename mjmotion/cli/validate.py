@@ -22,8 +22,8 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.apps.rope.folder import ORIGINAL_MOTION
     from mjmotion.cli.terminal import Bar, path_lines, say, tell_broken
     from mjmotion.exceptions import MotionError
-    from mjmotion.output.report import Report
-    from mjmotion.output.results import write_report
+    from mjmotion.output.reading import read_results
+    from mjmotion.output.report import write_report
     from mjmotion.validation import read_thresholds
 
     thresholds = read_thresholds(args.threshold)
@@ -33,9 +33,10 @@ def run(args: argparse.Namespace) -> int:
             " mjmotion rope to measure it again"
         )
     with Bar() as bar:
-        bar.stage("measuring")
-        report = Report.from_folder(args.folder, thresholds=thresholds)
-        bar.stage("report")
+        bar("measuring")
+        result = read_results(args.folder)
+        report = result.report(result.validate(thresholds))
+        bar("report")
         write_report(args.folder, report)
     say(report.table(), "")
     broken = tell_broken(report.validation)

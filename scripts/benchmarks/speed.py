@@ -162,7 +162,11 @@ def whole_adaptation(job: Job, clip: str = "walk", scene: str = "terrain_doors")
         result = adapt(walk, place)
         validate(result.source, result.motion, result.contacts)
 
-    tasks = {"fit": job.fit, "load": lambda: compose("humanoid", place), "whole": whole}
+    tasks: dict[str, Callable[[], object]] = {
+        "fit": job.fit,
+        "load": lambda: compose("humanoid", place),
+        "whole": whole,
+    }
     try:
         seconds = median_seconds(tasks, SLOW_REPEATS)
     except MotionError as error:

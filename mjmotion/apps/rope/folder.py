@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,9 @@ from mjmotion.apps.rope.climb import ORIGINAL, RopeClimb
 from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import OutputError
 from mjmotion.footsteps.contacts import save_contacts
-from mjmotion.output.results import CONTACTS, MODEL, MOTION, REPORT, SOURCE, VIDEO
-from mjmotion.output.video.side_by_side import Held, render_beside
+from mjmotion.numerics.progress import Progress
+from mjmotion.output.folder import CONTACTS, MODEL, MOTION, REPORT, SOURCE, VIDEO
+from mjmotion.output.video.side_by_side import Grasp, render_side_by_side
 from mjmotion.scene import save_model
 
 ORIGINAL_MOTION, ORIGINAL_MODEL = "original.npz", "original.xml"
@@ -39,15 +40,15 @@ def write_climb(
     climb: RopeClimb,
     *,
     video: bool = True,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> None:
     """Write everything of a climb into a folder that is there.
 
     Args:
-      folder: where; :func:`mjmotion.output.results.result_folder` has it appear whole or not.
+      folder: where; :func:`mjmotion.output.folder.result_folder` has it appear whole or not.
       climb: what :func:`mjmotion.apps.rope.climb_rope` returned.
       video: whether to render ``video.mp4`` too.
-      progress: called with frames done and frames in all while the video is rendered.
+      progress: told of every frame of the video.
 
     Raises:
       OutputError: a file cannot be written.
@@ -79,7 +80,7 @@ def render_climb(
     *,
     width: int = 1280,
     height: int = 720,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Path:
     """Render the humanoid's climb and the character's side by side, each with its own rope.
 
@@ -87,21 +88,21 @@ def render_climb(
       RenderError: no offscreen OpenGL.
       OutputError: the file cannot be written.
     """
-    return render_beside(
+    return render_side_by_side(
         path,
         (climb.original, climb.motion),
         (ORIGINAL, climb.character),
-        holds=marks(climb),
+        grasps=marks(climb),
         width=width,
         height=height,
         progress=progress,
     )
 
 
-def marks(climb: RopeClimb) -> list[Held]:
+def marks(climb: RopeClimb) -> list[Grasp]:
     """Return the holds of a climb as places to mark in pictures."""
     return [
-        Held(hold.site.replace("_", " "), hold.start, hold.end, hold.point) for hold in climb.holds
+        Grasp(hold.site.replace("_", " "), hold.start, hold.end, hold.point) for hold in climb.holds
     ]
 
 

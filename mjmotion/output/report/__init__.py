@@ -1,13 +1,14 @@
-"""The report of an adaptation: ``report.json``, a table as text, and ``report.html``.
+"""The report of a result: ``report.json``, a table as text, and ``report.html``.
 
-report = Report.from_folder("out/walk")     # everything computed again from the files
+report = read_results("out/walk").report()     # everything measured again from the files
 report.metrics["stance_drift_mm"], report.broken
 report.write("out/walk")
 """
 
 from __future__ import annotations
 
-from mjmotion.output.report.facts import Facts, table
-from mjmotion.output.report.report import BODY, Report
+from mjmotion.output.report.data import table
+from mjmotion.output.report.report import Report, write_report
+from mjmotion.output.report.summary import summary_html
 
-__all__ = ["BODY", "Facts", "Report", "table"]
+__all__ = ["Report", "summary_html", "table", "write_report"]

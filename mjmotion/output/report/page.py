@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.output.report import plots
-from mjmotion.output.report.facts import Facts, number
+from mjmotion.output.report.data import ReportData, number, residual_text
 
 Picture = NDArray[np.uint8] | bytes
 
@@ -45,7 +45,7 @@ details { margin-top: .75rem; } summary { cursor: pointer; color: var(--soft); }
 """
 
 
-def page(report: Facts, poses: Sequence[Picture] = (), why_no_poses: str = "") -> str:
+def page(report: ReportData, poses: Sequence[Picture] = (), why_no_poses: str = "") -> str:
     """Return the page as text.
 
     Args:
@@ -53,18 +53,8 @@ def page(report: Facts, poses: Sequence[Picture] = (), why_no_poses: str = "") -
       poses: pictures in order, RGB arrays (height, width, 3) or PNG files as bytes.
       why_no_poses: what it says where there are none.
     """
-    figures = report.validation
-    seconds = (figures.nframe - 1) / figures.fps
-    facts = [f"{figures.nframe} frames at {figures.fps:g} fps, {seconds:.1f} s"]
-    facts.append(f"{len(report.contacts)} contacts")
-    if report.fit_seconds is not None:
-        facts.append(f"fitted in {1000 * report.fit_seconds:.0f} ms")
     parts = [
-        "<header>",
-        f"<h1>{escape(report.title)}</h1>",
-        f'<p class="soft">{escape(" · ".join(facts))}</p>',
-        _verdict(report),
-        "</header>",
+        _header(report),
         _strip(poses, why_no_poses),
         "<h2>Figures</h2>",
         _figure_table(report),
@@ -108,15 +98,28 @@ def page(report: Facts, poses: Sequence[Picture] = (), why_no_poses: str = "") -
     )
 
 
-def _verdict(report: Facts) -> str:
-    count = len(report.broken)
-    held = sum(row.ok is not None for row in report.validation.summary())
+def _header(report: ReportData) -> str:
+    """Return title, verdict, and a line of what the report is about."""
+    figures = report.validation
+    seconds = (figures.nframe - 1) / figures.fps
+    about = [f"{figures.nframe} frames at {figures.fps:g} fps, {seconds:.1f} s"]
+    about.append(f"{len(report.contacts)} contacts")
+    if report.fit_seconds is not None:
+        about.append(f"fitted in {1000 * report.fit_seconds:.0f} ms")
+    return (
+        f"<header>\n<h1>{escape(report.title)}</h1>\n"
+        f'<p class="soft">{escape(" · ".join(about))}</p>\n{_verdict(report)}\n</header>'
+    )
+
+
+def _verdict(report: ReportData) -> str:
+    count, held = len(report.broken), len(report.judged)
     if count == 0:
         return f'<p class="verdict good">✓ All {held} thresholds hold.</p>'
     return f'<p class="verdict bad">✗ {count} of {held} thresholds broken.</p>'
 
 
-def _figure_table(report: Facts) -> str:
+def _figure_table(report: ReportData) -> str:
     mark = {
         True: '<span class="good">✓ holds</span>',
         False: '<span class="bad">✗ broken</span>',
@@ -136,19 +139,18 @@ def _figure_table(report: Facts) -> str:
     return f'<div class="wide"><table>{head}{"".join(rows)}</table></div>'
 
 
-def _unmet(report: Facts) -> str:
+def _unmet(report: ReportData) -> str:
     if not report.unmet:
         return ""
     rows = []
     for unmet in report.unmet:
         frames = list(unmet["frames"])
         shown = ", ".join(str(frame) for frame in frames[:8]) + (", …" if len(frames) > 8 else "")
-        mm, degrees = unmet.get("residual_mm"), unmet.get("residual_deg")
-        off = f"{float(mm):.1f} mm" if mm is not None else f"{float(degrees or 0.0):.1f}°"
         whose = "your own" if unmet.get("own") else "the scene's"
         rows.append(
             f"<tr><td>{escape(str(unmet['constraint']))}</td><td>{whose}</td>"
-            f"<td class='n'>{len(frames)}</td><td>{shown}</td><td class='n'>{off}</td></tr>"
+            f"<td class='n'>{len(frames)}</td><td>{shown}</td>"
+            f"<td class='n'>{residual_text(unmet)}</td></tr>"
         )
     head = (
         "<tr><th>constraint</th><th>whose</th><th class='n'>frames</th><th></th>"
@@ -160,7 +162,7 @@ def _unmet(report: Facts) -> str:
     )
 
 
-def _contact_table(report: Facts) -> str:
+def _contact_table(report: ReportData) -> str:
     entries = report.validation.per_contact
     if not entries:
         return ""

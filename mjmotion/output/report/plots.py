@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmotion.output.report.facts import Facts
+from mjmotion.output.report.data import ReportData
 from mjmotion.output.report.style import axes_style
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ _STYLE: dict[str, Any] = {
 }
 
 
-def foot_heights(report: Facts) -> str:
+def foot_heights(report: ReportData) -> str:
     """Plot every foot's heel and toe over the ground under them, contacts shaded."""
     figures, model = report.validation, report.motion.model
     sites = [key.removeprefix("height_m/") for key in figures.per_frame if key[:9] == "height_m/"]
@@ -71,8 +71,8 @@ def foot_heights(report: Facts) -> str:
     return _svg(draw, (10.4, 2.3 * len(feet) + 0.4), "feet")
 
 
-def residuals(report: Facts) -> str:
-    """Plot the greatest error after each level, beside the paper's."""
+def residuals(report: ReportData) -> str:
+    """Plot the greatest error after each level, next to the paper's."""
     if not report.levels:
         return ""
     names = [f"{level['frames_per_knot']:g}" for level in report.levels]
@@ -100,7 +100,7 @@ def residuals(report: Facts) -> str:
                 fontsize=9,
                 color="white" if inside else _INK,
             )
-        # The paper's levels are 16, 8, 4 and 2 frames a knot: only those stand beside each other.
+        # The paper's levels are 16, 8, 4 and 2 frames a knot: only those are next to each other.
         paper = [
             (i, PAPER_ERROR_PERCENT[k])
             for k, knots in enumerate((16.0, 8.0, 4.0, 2.0))
@@ -126,7 +126,7 @@ def residuals(report: Facts) -> str:
     return _svg(draw, (5.6, 3.2), "levels")
 
 
-def drifts(report: Facts) -> str:
+def drifts(report: ReportData) -> str:
     """Plot the drift of every contact over the time that it lasts."""
     entries = report.validation.per_contact
     if not entries:
@@ -170,7 +170,7 @@ def drifts(report: Facts) -> str:
     return _svg(draw, (10.4, 2.6), "drift")
 
 
-def penetrations(report: Facts) -> str:
+def penetrations(report: ReportData) -> str:
     """Plot how deep feet and other bodies are in the scene over time."""
     figures = report.validation
     time = np.arange(figures.nframe) / figures.fps
@@ -191,8 +191,8 @@ def penetrations(report: Facts) -> str:
     return _svg(draw, (10.4, 2.2), "penetration")
 
 
-def jerks(report: Facts) -> str:
-    """Plot the RMS jerk of every joint, adapted beside source."""
+def jerks(report: ReportData) -> str:
+    """Plot the RMS jerk of every joint, adapted next to source."""
     joints = report.validation.per_joint
     if not joints:
         return ""

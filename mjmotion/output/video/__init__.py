@@ -4,22 +4,19 @@ OpenGL is bound when the first picture is made, never before: importing this pac
 graphics library.
 """
 
-from mjmotion.output.video.film import (
-    LAYOUTS,
+from mjmotion.output.video.gl import Canvas, ensure_gl
+from mjmotion.output.video.render import (
     render_frames,
     render_video,
     video_frames,
 )
-from mjmotion.output.video.gl import Canvas, ensure_gl, install_gl
 from mjmotion.output.video.strip import render_strip
 from mjmotion.output.video.writer import VideoWriter
 
 __all__ = [
-    "LAYOUTS",
     "Canvas",
     "VideoWriter",
     "ensure_gl",
-    "install_gl",
     "render_frames",
     "render_strip",
     "render_video",

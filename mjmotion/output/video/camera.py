@@ -84,8 +84,6 @@ def follow(
       scene: whether the scene can block the view.
       body: the figure's size in every frame, where that changes: then the largest fits.
     """
-    from scipy.ndimage import gaussian_filter1d, maximum_filter1d
-
     centre = qpos[:, :3].copy()
     if body is None:
         some = qpos[:: max(len(qpos) // _EXTENT_FRAMES, 1)]
@@ -96,8 +94,7 @@ def follow(
         low, high = figure_extent(model, qpos, body)
         height = float((high - low).max())
         centre[:, 2] = (low + high) / 2
-    smooth = lambda x, s: gaussian_filter1d(x, max(s * fps, 1e-6), axis=0, mode="nearest")  # noqa: E731
-    lookat = smooth(centre, _LOOKAT_SIGMA)
+    lookat = _smooth(centre, _LOOKAT_SIGMA * fps)
     distance = height / (2 * _FILL * np.tan(np.radians(FOVY) / 2))
 
     moments = np.unique(np.r_[np.arange(0, len(qpos), max(int(_STEP * fps), 1)), len(qpos) - 1])
@@ -110,21 +107,33 @@ def follow(
     )
     bearing, elevation = _choose(blocked, heading)
     frames = np.arange(len(qpos))
-    bearing = smooth(np.interp(frames, moments, np.unwrap(bearing)), _VIEW_SIGMA)
-    elevation = smooth(np.interp(frames, moments, elevation), _VIEW_SIGMA)
+    bearing = _smooth(np.interp(frames, moments, np.unwrap(bearing)), _VIEW_SIGMA * fps)
+    elevation = _smooth(np.interp(frames, moments, elevation), _VIEW_SIGMA * fps)
 
     path = CameraPath(lookat, bearing, elevation, float(distance))
-    if caster is not None:
-        position = path.position
-        above = position + np.array([0.0, 0.0, 100.0])
-        drop, _, _ = caster.cast(above, np.array([0.0, 0.0, -1.0]))
-        ground = np.where(drop >= 0, above[:, 2] - drop, -np.inf)
-        lift = np.clip(ground + _CLEARANCE - position[:, 2], 0.0, distance / 2)
-        window = 2 * int(_VIEW_SIGMA * fps) + 1
-        lift = smooth(maximum_filter1d(lift, window, mode="nearest"), _VIEW_SIGMA / 2)
-        rise = np.clip(np.sin(elevation) + lift / distance, -0.99, 0.99)
-        path = dataclasses.replace(path, elevation=np.arcsin(rise))
-    return path
+    return path if caster is None else _above_ground(path, caster, fps)
+
+
+def _above_ground(path: CameraPath, caster: RayCaster, fps: float) -> CameraPath:
+    """Return the path, raised smoothly where the ground would come too near."""
+    from scipy.ndimage import maximum_filter1d
+
+    position = path.position
+    above = position + np.array([0.0, 0.0, 100.0])
+    drop, _, _ = caster.cast(above, np.array([0.0, 0.0, -1.0]))
+    ground = np.where(drop >= 0, above[:, 2] - drop, -np.inf)
+    lift = np.clip(ground + _CLEARANCE - position[:, 2], 0.0, path.distance / 2)
+    window = 2 * int(_VIEW_SIGMA * fps) + 1
+    lift = _smooth(maximum_filter1d(lift, window, mode="nearest"), _VIEW_SIGMA / 2 * fps)
+    rise = np.clip(np.sin(path.elevation) + lift / path.distance, -0.99, 0.99)
+    return dataclasses.replace(path, elevation=np.arcsin(rise))
+
+
+def _smooth(values: Array, sigma: float) -> Array:
+    """Return values (n, ...) smoothed over time by a Gaussian of ``sigma`` frames."""
+    from scipy.ndimage import gaussian_filter1d
+
+    return np.asarray(gaussian_filter1d(values, max(sigma, 1e-6), axis=0, mode="nearest"))
 
 
 def whole_walk(
@@ -203,12 +212,10 @@ def walking_direction(qpos: Array, fps: float) -> Array:
 
     Slow changes only. Where the figure stands, the way it walked before or will walk counts.
     """
-    from scipy.ndimage import gaussian_filter1d
-
     if len(qpos) < 2:
         return np.zeros(len(qpos))
     velocity = np.gradient(qpos[:, :2], axis=0) * fps
-    wide = gaussian_filter1d(velocity, 1.5 * fps, axis=0, mode="nearest")
+    wide = _smooth(velocity, 1.5 * fps)
     total = qpos[-1, :2] - qpos[0, :2]
     length = float(np.linalg.norm(total))
     if length > 0.2:

@@ -15,10 +15,7 @@ import ctypes.util
 import importlib
 import os
 import platform
-import shutil
-import subprocess
 from collections.abc import Iterator
-from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -31,13 +28,10 @@ from mjmotion.exceptions import RenderError
 Image = NDArray[np.uint8]
 """A picture: (height, width, 3) uint8, RGB, top row first."""
 
-PACKAGES = ("libegl1", "libgl1")
-"""Debian packages that hold the libraries of the EGL backend."""
-
 _OFF = ("disable", "disabled", "off", "false", "0")
 _DEFAULT = ("", "enable", "enabled", "on", "true", "1")
 _LIBRARIES = {"egl": ("EGL", "GL"), "osmesa": ("OSMesa",), "glfw": ("GL",)}
-_INSTALL = {"egl": " ".join(PACKAGES), "osmesa": "libosmesa6", "glfw": "libgl1"}
+_INSTALL = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6", "glfw": "libgl1"}  # Debian packages
 
 
 def ensure_gl() -> type[Any]:
@@ -60,38 +54,6 @@ def ensure_gl() -> type[Any]:
     if not all(_loads(name) for name in _LIBRARIES[backend]):
         raise RenderError(f"offscreen OpenGL is missing: apt-get install {_INSTALL[backend]}")
     return _context_class(f"mujoco.{backend}")
-
-
-def install_gl() -> bool:
-    """Install the libraries of offscreen OpenGL with apt, if they are missing and that is possible.
-
-    Only root on Debian (or a system derived from it) can; elsewhere nothing is done.
-
-    Returns:
-      whether offscreen OpenGL is there now.
-
-    Raises:
-      RenderError: apt was run and failed.
-    """
-    if platform.system() != "Linux" or all(_loads(name) for name in _LIBRARIES["egl"]):
-        return True
-    apt = shutil.which("apt-get")
-    if apt is None or os.geteuid() != 0 or not Path("/etc/debian_version").is_file():
-        return False
-    environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-    for command in (
-        [apt, "-qq", "update"],
-        [apt, "-qq", "install", "-y", "--no-install-recommends", *PACKAGES],
-    ):
-        done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, errors="replace"
-        )
-        if done.returncode != 0:
-            last = (done.stderr.strip().splitlines() or ["no message"])[-1]
-            raise RenderError(
-                f"'{' '.join(command[1:])}' failed ({last}): install {_INSTALL['egl']} by hand"
-            )
-    return all(_loads(name) for name in _LIBRARIES["egl"])
 
 
 class Canvas:

@@ -1,7 +1,7 @@
 """Motions of different characters side by side, each with its own model.
 
-    render_beside("rope.mp4", (original, climber), ("humanoid", "climber"), holds=places)
-    pictures = beside_frames((original, climber), (0, 46, 84), ("humanoid", "climber"))
+    render_side_by_side("rope.mp4", (original, climber), ("humanoid", "climber"), grasps=places)
+    pictures = side_by_side_frames((original, climber), (0, 46, 84), ("humanoid", "climber"))
 
 One camera serves all: it rises and moves with the mean of the figures, so that they compare.
 """
@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import RenderError
+from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.output.video import stage as staging
 from mjmotion.output.video.camera import FOVY, CameraPath, figure_extent
 from mjmotion.output.video.captions import write_label
-from mjmotion.output.video.film import Progress, check_size, video_frames
 from mjmotion.output.video.gl import Canvas, Image, ensure_gl
 from mjmotion.output.video.markers import OTHER
+from mjmotion.output.video.render import check_size, video_frames
 from mjmotion.output.video.stage import Stage
 from mjmotion.output.video.writer import VideoWriter
 
@@ -38,7 +39,7 @@ _BALL = 0.026  # radius of the mark on a held place [m]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Held:
+class Grasp:
     """A place that is held: where, by whom, and when.
 
     Attributes:
@@ -53,12 +54,13 @@ class Held:
     point: Array
 
 
-def render_beside(
+# More than eight parameters: after the captions all are settings of the picture with defaults.
+def render_side_by_side(
     path: str | Path,
     motions: Sequence[Motion],
     captions: Sequence[str],
     *,
-    holds: Sequence[Held] = (),
+    grasps: Sequence[Grasp] = (),
     bearing: float = _BEARING,
     width: int = 1280,
     height: int = 720,
@@ -72,13 +74,13 @@ def render_beside(
       path: the ``.mp4`` file; it appears only when it is complete.
       motions: each on its own model, all with the same number of frames and rate.
       captions: what they are called on the picture.
-      holds: places that are marked, in all panels, while they are held.
+      grasps: places that are marked, in all panels, while they are held.
       bearing: direction of the camera, about z from +x [rad].
       width: of the video, even [pixel].
       height: of the video, even [pixel].
       fps: frames a second at most.
       crf: H.264 constant rate factor; lower is better and larger.
-      progress: called with frames done and frames in all.
+      progress: called with ("video", frames done, frames in all) after each frame.
 
     Raises:
       RenderError: no offscreen OpenGL, or motions and settings that do not go together.
@@ -86,28 +88,30 @@ def render_beside(
     """
     check_size(width, height)
     frames, rate = video_frames(motions[0], fps)
+    progress = progress or no_progress
     with (
-        _Panels(motions, captions, holds, bearing, width, height) as panels,
+        _Panels(motions, captions, grasps, bearing, width, height) as panels,
         VideoWriter(path, width, height, rate, crf) as writer,
     ):
         for done, frame in enumerate(frames, start=1):
             writer.write(panels.picture(int(frame)))
-            if progress is not None:
-                progress(done, len(frames))
+            progress("video", done, len(frames))
     return Path(path)
 
 
-def beside_frames(
+def side_by_side_frames(
     motions: Sequence[Motion],
     frames: Sequence[int],
     captions: Sequence[str],
     *,
-    holds: Sequence[Held] = (),
+    grasps: Sequence[Grasp] = (),
     bearing: float = _BEARING,
     width: int = 1280,
     height: int = 720,
 ) -> list[Image]:
-    """Return pictures (height, width, 3) of single frames; arguments as :func:`render_beside`.
+    """Return pictures (height, width, 3) of single frames.
+
+    Arguments as :func:`render_side_by_side`.
 
     Raises:
       RenderError: no offscreen OpenGL, or a frame that the motions do not have.
@@ -118,7 +122,7 @@ def beside_frames(
         raise RenderError(
             f"the motion has frames 0 to {motions[0].nframe - 1}, not {outside[0]}", outside
         )
-    with _Panels(motions, captions, holds, bearing, width, height) as panels:
+    with _Panels(motions, captions, grasps, bearing, width, height) as panels:
         return [panels.picture(int(frame)) for frame in frames]
 
 
@@ -129,7 +133,7 @@ class _Panels:
         self,
         motions: Sequence[Motion],
         captions: Sequence[str],
-        holds: Sequence[Held],
+        grasps: Sequence[Grasp],
         bearing: float,
         width: int,
         height: int,
@@ -139,7 +143,7 @@ class _Panels:
             raise RenderError("motions side by side must have the same frames and rate")
         if len(captions) != len(motions):
             raise RenderError(f"{len(motions)} motions want as many captions, not {len(captions)}")
-        self._motions, self._captions, self._holds = motions, captions, holds
+        self._motions, self._captions, self._grasps = motions, captions, grasps
         edges = np.linspace(0, width, len(motions) + 1).round().astype(int)
         self._widths = np.diff(edges)
         self._height = height
@@ -148,7 +152,7 @@ class _Panels:
             staging.picture_model(motion.model, int(w), height, fovy=FOVY)
             for motion, w in zip(motions, self._widths, strict=True)
         ]
-        self._stages = [Stage(model, extra=len(holds), bearing=bearing) for model in self._models]
+        self._stages = [Stage(model, extra=len(grasps), bearing=bearing) for model in self._models]
         self._canvases: list[Canvas] = []
         self._stack = contextlib.ExitStack()
 
@@ -164,7 +168,7 @@ class _Panels:
 
     def picture(self, frame: int) -> Image:
         """Return the picture of one frame."""
-        held = [hold for hold in self._holds if hold.start <= frame < hold.end]
+        held = [grasp for grasp in self._grasps if grasp.start <= frame < grasp.end]
         parts: list[Image] = []
         size = max(self._height // 26, 10)
         for motion, stage, canvas, caption in zip(
@@ -172,11 +176,11 @@ class _Panels:
         ):
             rect = mujoco.MjrRect(0, 0, canvas.width, canvas.height)
             stage.begin(motion.qpos[frame], self._camera.at(frame), canvas.width / canvas.height)
-            for hold in held:
+            for grasp in held:
                 stage.add(
                     mujoco.mjtGeom.mjGEOM_SPHERE,
                     (_BALL, _BALL, _BALL),
-                    hold.point,
+                    grasp.point,
                     (*OTHER, 0.55),
                     emission=0.4,
                 )
@@ -191,8 +195,8 @@ class _Panels:
         seconds = frame / self._motions[0].fps
         write_label(whole, f"{seconds:5.2f} s    frame {frame}", gap, -gap, small)
         right = whole.shape[1] - gap
-        for name in reversed(list(dict.fromkeys(hold.name for hold in self._holds))):
-            colour = OTHER if any(hold.name == name for hold in held) else (0.85, 0.85, 0.85)
+        for name in reversed(list(dict.fromkeys(grasp.name for grasp in self._grasps))):
+            colour = OTHER if any(grasp.name == name for grasp in held) else (0.85, 0.85, 0.85)
             right -= write_label(whole, name, right, -gap, small, anchor="right", dot=colour)
             right -= gap // 2
         return whole

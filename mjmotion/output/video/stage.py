@@ -20,7 +20,7 @@ FLOOR = (0.62, 0.64, 0.66, 1.0)
 FLOOR_LINE = (0.50, 0.52, 0.55, 1.0)
 
 _SHADOW_REACH = 3.5  # around the figure [m]
-_KEY = (np.radians(42.0), np.radians(52.0))  # key light: beside the camera, over the ground
+_KEY = (np.radians(42.0), np.radians(52.0))  # key light: from the camera's bearing, over the ground
 _FOG = (7.5, 11.0)  # from the camera [m]: no farther than the window on a heightfield reaches
 _WALL = 80.0  # distance of the backdrop [m]
 _LINE_REACH = 12  # grid lines around the figure [m]
@@ -82,7 +82,7 @@ class Stage:
       extra: how many geoms are added to the model's own, at most.
       floor: height of a flat floor with a grid to draw [m]; None for none.
       shadows: whether the key light casts them.
-      bearing: direction of the camera, about z from +x [rad]: the key light comes from beside it.
+      bearing: direction of the camera, about z from +x [rad]: the key light comes from its side.
     """
 
     def __init__(
@@ -146,14 +146,11 @@ class Stage:
         if self.floor is not None:
             self._floor(np.asarray(camera.lookat), self.floor)
 
-    def add_figure(
-        self, model: mujoco.MjModel, qpos: Array, data: mujoco.MjData | None = None
-    ) -> None:
+    def add_figure(self, model: mujoco.MjModel, qpos: Array, data: mujoco.MjData) -> None:
         """Add the character of ``model``, a repainted copy of the stage's own, at ``qpos`` (nq,).
 
-        ``data``, of that copy, saves making one for every frame.
+        ``data`` is of that copy and is changed.
         """
-        data = mujoco.MjData(model) if data is None else data
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
         mujoco.mjv_addGeoms(

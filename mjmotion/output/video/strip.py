@@ -15,9 +15,9 @@ from mjmotion.footsteps.contacts import Contact
 from mjmotion.output.video import stage as staging
 from mjmotion.output.video.camera import whole_walk
 from mjmotion.output.video.field import FieldWindow
-from mjmotion.output.video.film import check_size
 from mjmotion.output.video.gl import Canvas, Image
 from mjmotion.output.video.markers import ContactMarks
+from mjmotion.output.video.render import check_size
 from mjmotion.output.video.stage import Stage
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _FOVY = 20.0
+_MORPH_SPREAD = 0.5  # between poses of a body that changes [m]
 _SAME_DEPTH = 1e-5  # of the depth buffer's 0…1: the same surface in two pictures
 
 
@@ -37,7 +38,7 @@ def render_strip(
     *,
     contacts: Sequence[Contact] = (),
     body: MorphBody | None = None,
-    spread: float = 0.0,
+    spread: float | None = None,
 ) -> Image:
     """Return one wide picture (height, width, 3) with several poses of a motion in its scene.
 
@@ -49,12 +50,15 @@ def render_strip(
       contacts: contacts whose footholds are marked.
       body: the character's size in every frame, where that changes.
       spread: how much further apart two poses stand than was walked between them [m]; footholds
-        are only marked where that is 0.
+        are only marked where that is 0. Without, 0, or of a body that changes 0.5: such poses are
+        hard to tell apart where they overlap.
 
     Raises:
       RenderError: no offscreen OpenGL.
     """
     check_size(width, height)
+    if spread is None:
+        spread = 0.0 if body is None else _MORPH_SPREAD
     frames = _even_steps(motion, poses) if isinstance(poses, int) else np.asarray(poses, np.int64)
     body = None if body is None else body.on(motion.model)
     sizes = None if body is None else body.part(frames)

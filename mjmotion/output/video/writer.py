@@ -1,4 +1,4 @@
-"""H.264 video files, encoded beside the renderer without slowing it.
+"""H.264 video files, encoded while frames are rendered, without slowing that.
 
 Software OpenGL keeps every core busy, so the encoder gets a cheap preset, one thread and a low
 priority, and is fed from a bounded queue by a thread of its own.

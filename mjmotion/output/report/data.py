@@ -1,9 +1,10 @@
-"""What there is to say about one motion, as numbers and as text."""
+"""What a report says of one motion, as numbers and as text."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -15,9 +16,9 @@ from mjmotion.validation import Validation
 from mjmotion.validation.result import as_numbers
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Facts:
-    """What there is to say about one adapted motion.
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class ReportData:
+    """What a report says of one motion; see :class:`mjmotion.Report`, which writes it.
 
     Attributes:
       source: the motion before adaptation.
@@ -53,6 +54,11 @@ class Facts:
     def broken(self) -> list[str]:
         """Names of the figures beyond their thresholds."""
         return self.validation.broken()
+
+    @cached_property
+    def judged(self) -> list[str]:
+        """Names of the figures that have a threshold and could be measured."""
+        return [row.figure for row in self.validation.summary() if row.ok is not None]
 
     def table(self) -> str:
         """Return the figures as text, for a terminal."""
@@ -121,3 +127,10 @@ def number(value: float) -> str:
     if value != 0 and abs(value) < 1e-3:
         return "0.000" if abs(value) < 1e-9 else f"{value:.1e}"
     return f"{value:.3f}" if abs(value) < 100 else f"{value:.1f}"
+
+
+def residual_text(unmet: Mapping[str, Any]) -> str:
+    """Return how far an entry of :attr:`ReportData.unmet` is off, with its unit."""
+    if (mm := unmet.get("residual_mm")) is not None:
+        return f"{float(mm):.1f} mm"
+    return f"{float(unmet.get('residual_deg') or 0.0):.1f}°"

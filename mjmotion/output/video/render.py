@@ -7,7 +7,7 @@ pictures = render_frames(adapted, [0, 30, 60])
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import RenderError
 from mjmotion.footsteps.contacts import Contact
+from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.output.video import stage as staging
 from mjmotion.output.video.camera import FOVY, CameraPath, figure_extent, follow
 from mjmotion.output.video.captions import write_label
@@ -38,10 +39,9 @@ _GHOST_BEHIND = 0.02  # [m]: where both poses agree, the ghost hides in place of
 _WINDOW_BEYOND = 2.0  # the figure, seen from the camera [m]: the ground before it is not in view
 _MIN_SIZE = 64
 
-Progress = Callable[[int, int], None]
-"""Called with (frames done, frames in all)."""
 
-
+# More than eight parameters here and in render_frames: after the motion all are settings of the
+# picture with defaults, given by name, and a class for them would be one more name to learn.
 def render_video(
     path: str | Path,
     motion: Motion,
@@ -67,7 +67,7 @@ def render_video(
       contacts: contacts to mark, of both motions.
       body: the character's size in every frame of ``motion``, where that changes; the source keeps
         the model's.
-      layout: ``"side-by-side"`` (source on a flat floor beside the motion in its scene),
+      layout: ``"side-by-side"`` (left the source on a flat floor, right the motion in its scene),
         ``"ghost"`` (source as a ghost in the motion's scene), or ``"single"``; without a source,
         always single.
       width: of the video, even [pixel].
@@ -77,7 +77,7 @@ def render_video(
       preview: quicker and rougher: no shadows, no smoothing, 15 frames a second.
       captions: what source and motion are called on the picture; "source", and "adapted" or, of a
         body that changes, "morphing" without.
-      progress: called as ``progress(done, total)`` after each frame.
+      progress: called with ("video", frames done, frames in all) after each frame.
 
     Returns:
       the file.
@@ -91,26 +91,16 @@ def render_video(
     if captions is None:
         captions = ("source", "adapted" if body is None else "morphing")
     frames, rate = video_frames(motion, fps if fps is not None else _MAX_FPS / (1 + preview))
-    film = _Film(
-        motion,
-        source,
-        contacts=contacts,
-        body=body,
-        layout=layout,
-        width=width,
-        height=height,
-        shadows=not preview,
-        samples=0 if preview else 4,
-        captions=captions,
-    )
+    settings = _Settings(layout, width, height, not preview, 0 if preview else 4, captions)
+    renderer = _Renderer(motion, source, contacts, body, settings)
+    progress = progress or no_progress
     with (
-        Canvas(film.model, width, height) as canvas,
+        Canvas(renderer.model, width, height) as canvas,
         VideoWriter(path, width, height, rate, crf) as writer,
     ):
         for done, frame in enumerate(frames, start=1):
-            writer.write(film.picture(canvas, int(frame)))
-            if progress is not None:
-                progress(done, len(frames))
+            writer.write(renderer.picture(canvas, int(frame)))
+            progress("video", done, len(frames))
     return Path(path)
 
 
@@ -137,20 +127,10 @@ def render_frames(
         raise RenderError(
             f"the motion has frames 0 to {motion.nframe - 1}, not {outside[0]}", outside
         )
-    film = _Film(
-        motion,
-        source,
-        contacts=contacts,
-        body=body,
-        layout=layout,
-        width=width,
-        height=height,
-        shadows=shadows,
-        samples=4,
-        captions=captions,
-    )
-    with Canvas(film.model, width, height) as canvas:
-        return [film.picture(canvas, int(frame)) for frame in frames]
+    settings = _Settings(layout, width, height, shadows, 4, captions)
+    renderer = _Renderer(motion, source, contacts, body, settings)
+    with Canvas(renderer.model, width, height) as canvas:
+        return [renderer.picture(canvas, int(frame)) for frame in frames]
 
 
 def video_frames(motion: Motion, fps: float) -> tuple[NDArray[np.int64], float]:
@@ -164,6 +144,26 @@ def video_frames(motion: Motion, fps: float) -> tuple[NDArray[np.int64], float]:
     return np.arange(0, motion.nframe, step), motion.fps / step
 
 
+@dataclasses.dataclass(frozen=True)
+class _Settings:
+    """How pictures look.
+
+    Attributes:
+      layout: one of :data:`LAYOUTS`.
+      width, height: [pixel].
+      shadows: whether the key light casts them.
+      samples: of a pixel, against jagged edges; 0 for none.
+      captions: what source and motion are called; None for pictures without any text.
+    """
+
+    layout: str
+    width: int
+    height: int
+    shadows: bool
+    samples: int
+    captions: tuple[str, str] | None
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Ghost:
     """Another motion of the same character, to be drawn in one colour."""
@@ -175,7 +175,7 @@ class _Ghost:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Panel:
-    """A rectangle of the picture that shows one motion, maybe with a ghost beside it."""
+    """A rectangle of the picture that shows one motion, maybe with a ghost in it."""
 
     rect: mujoco.MjrRect
     stage: Stage
@@ -208,89 +208,101 @@ class _Panel:
         canvas.draw(self.rect, self.stage.scene)
 
 
-class _Film:
+class _Renderer:
     """Everything that the pictures of one motion need, made once."""
 
     def __init__(
         self,
         motion: Motion,
         source: Motion | None,
-        *,
         contacts: Sequence[Contact],
         body: MorphBody | None,
-        layout: str,
-        width: int,
-        height: int,
-        shadows: bool,
-        samples: int,
-        captions: tuple[str, str] | None,
+        settings: _Settings,
     ) -> None:
+        layout, width, height = settings.layout, settings.width, settings.height
         if layout not in LAYOUTS:
             raise RenderError(f"unknown layout '{layout}': use one of {', '.join(LAYOUTS)}")
         check_size(width, height)
         if source is not None:
-            source = source.on(motion.model)
-            if source.nframe != motion.nframe:
-                raise RenderError(
-                    f"source has {source.nframe} frames and motion {motion.nframe}:"
-                    " they must have the same"
-                )
-        if source is None:
-            layout = "single"
+            source = _on_the_same(motion, source)
         if body is not None:
-            body = _fitting(body, motion, layout)
-        self._fps, self._marked = motion.fps, bool(len(contacts))
+            body = _body_on(motion, body, layout if source is not None else "single")
+        self._fps, self._contacts, self._body = motion.fps, contacts, body
+        self._shadows, self._captioned = settings.shadows, settings.captions is not None
         self.model = staging.picture_model(
-            motion.model, width, height, fovy=FOVY, shadows=shadows, samples=samples
+            motion.model,
+            width,
+            height,
+            fovy=FOVY,
+            shadows=settings.shadows,
+            samples=settings.samples,
         )
-        self._captioned = captions is not None
-        names = captions if captions is not None else (None, None)
+        names = settings.captions if settings.captions is not None else (None, None)
         camera = follow(motion.model, motion.qpos, motion.fps, body=body)
-        bearing = float(np.median(camera.bearing))
-        panels: list[_Panel] = []
-        left = 0
-        if layout == "side-by-side" and source is not None:
+        self._panels: list[_Panel] = []
+        left, ghost = 0, None
+        self._legend: list[tuple[str, tuple[float, float, float]]] = []
+        if source is not None and layout == "side-by-side":
             left = width // 2
-            marks = ContactMarks.of(source, contacts, flat=True)
-            panels.append(
-                _Panel(
-                    mujoco.MjrRect(0, 0, left, height),
-                    Stage(
-                        staging.without_scene(self.model),
-                        extra=len(contacts),
-                        bearing=bearing,
-                        floor=_floor_height(source, marks),
-                        shadows=shadows,
-                    ),
-                    source,
-                    _beside(source, camera),
-                    marks,
-                    None,
-                    names[0],
-                    own_meshes=body is not None,
-                )
-            )
-        ghost = None
-        if layout == "ghost" and source is not None:
+            rect = mujoco.MjrRect(0, 0, left, height)
+            self._panels.append(self._source_panel(rect, source, camera, names[0]))
+        elif source is not None and layout == "ghost":
             tinted = staging.ghost(self.model, _GHOST)
             ghost = _Ghost(tinted, mujoco.MjData(tinted), source)
-        panels.append(
-            _Panel(
-                mujoco.MjrRect(left, 0, width - left, height),
-                Stage(self.model, extra=len(contacts), bearing=bearing, shadows=shadows),
-                motion,
-                camera,
-                ContactMarks.of(motion, contacts, body=body),
-                FieldWindow(self.model),
-                names[1],
-                ghost,
-                body,
-                own_meshes=body is not None,
-            )
+            if names[0] is not None:
+                self._legend.append((names[0], _GHOST[:3]))
+        rect = mujoco.MjrRect(left, 0, width - left, height)
+        self._panels.append(self._motion_panel(rect, motion, camera, names[1], ghost))
+
+    def _source_panel(
+        self, rect: mujoco.MjrRect, source: Motion, camera: CameraPath, caption: str | None
+    ) -> _Panel:
+        """Return a panel with the source on a flat floor, seen as ``camera`` sees the motion."""
+        marks = ContactMarks.of(source, self._contacts, flat=True)
+        stage = Stage(
+            staging.without_scene(self.model),
+            extra=len(self._contacts),
+            bearing=float(np.median(camera.bearing)),
+            floor=_floor_height(source, marks),
+            shadows=self._shadows,
         )
-        self._panels = panels
-        self._legend = (
-            [(names[0], _GHOST[:3])] if ghost is not None and names[0] is not None else []
+        return _Panel(
+            rect,
+            stage,
+            source,
+            _source_camera(source, camera),
+            marks,
+            window=None,
+            caption=caption,
+            own_meshes=self._body is not None,
+        )
+
+    def _motion_panel(
+        self,
+        rect: mujoco.MjrRect,
+        motion: Motion,
+        camera: CameraPath,
+        caption: str | None,
+        ghost: _Ghost | None,
+    ) -> _Panel:
+        """Return a panel with the motion in its scene."""
+        stage = Stage(
+            self.model,
+            extra=len(self._contacts),
+            bearing=float(np.median(camera.bearing)),
+            shadows=self._shadows,
+        )
+        return _Panel(
+            rect,
+            stage,
+            motion,
+            camera,
+            ContactMarks.of(motion, self._contacts, body=self._body),
+            FieldWindow(self.model),
+            caption,
+            ghost,
+            self._body,
+            own_meshes=self._body is not None,
         )
 
     def picture(self, canvas: Canvas, frame: int) -> Image:
@@ -314,15 +326,25 @@ class _Film:
                 write_label(image, panel.caption, panel.rect.left + gap, gap, size)
         y = 2 * gap + size + size // 2
         for text, colour in self._legend:
-            write_label(image, str(text), gap, y, small, dot=colour)
+            write_label(image, text, gap, y, small, dot=colour)
         write_label(image, f"{frame / self._fps:5.2f} s    frame {frame}", gap, -gap, small)
-        if self._marked:
+        if len(self._contacts):
             x = width - gap
             x -= write_label(image, "toe", x, -gap, small, anchor="right", dot=TOE) + gap // 2
             write_label(image, "heel", x, -gap, small, anchor="right", dot=HEEL)
 
 
-def _fitting(body: MorphBody, motion: Motion, layout: str) -> MorphBody:
+def _on_the_same(motion: Motion, source: Motion) -> Motion:
+    """Return the source on the motion's model; RenderError where their frames differ."""
+    source = source.on(motion.model)
+    if source.nframe != motion.nframe:
+        raise RenderError(
+            f"source has {source.nframe} frames and motion {motion.nframe}: they must have the same"
+        )
+    return source
+
+
+def _body_on(motion: Motion, body: MorphBody, layout: str) -> MorphBody:
     """Return the body on the motion's model; RenderError where it cannot be shown."""
     if layout == "ghost":
         raise RenderError("a body that changes has no ghost: take side-by-side or single")
@@ -334,7 +356,7 @@ def _fitting(body: MorphBody, motion: Motion, layout: str) -> MorphBody:
     return body.on(motion.model)
 
 
-def _beside(source: Motion, camera: CameraPath) -> CameraPath:
+def _source_camera(source: Motion, camera: CameraPath) -> CameraPath:
     """Return the view of the motion's camera, of the source in place of the motion."""
     own = follow(source.model, source.qpos, source.fps, scene=False)
     return dataclasses.replace(

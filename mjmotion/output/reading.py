@@ -1,0 +1,170 @@
+"""What a user names, read: a result's folder, or a motion as a file, a built-in name or a folder.
+
+result = read_results("out/walk")            # a Result, as adapt returned it
+motion, contacts = read_motion("out/walk")
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+
+from mjmotion.body.character import Character, CharacterLike
+from mjmotion.body.morph_body import MorphBody
+from mjmotion.body.motion import Motion
+from mjmotion.clips import builtin_contacts, load_clip
+from mjmotion.constraints.unmet import Unmet
+from mjmotion.exceptions import MotionError, mujoco_message
+from mjmotion.footsteps.contacts import Contact, load_contacts
+from mjmotion.output.folder import BODY, CONTACTS, MODEL, MOTION, REPORT, SOURCE
+from mjmotion.output.result import Result
+
+_NEEDED = (MOTION, SOURCE, MODEL, CONTACTS)
+
+
+def read_results(folder: str | Path) -> Result:
+    """Read an output folder.
+
+    Its figures are not read but measured: by :meth:`Result.validate` or :meth:`Result.report`. What
+    cannot be measured again (title, levels and time of the fit, what it could not meet) is known
+    from ``report.json``, if there is one.
+
+    Returns:
+      The result; without ``trace``, which no file holds.
+
+    Raises:
+      MotionError: the folder or a file of it is missing or damaged.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise MotionError(f"result folder '{folder}' does not exist: run mjmotion adapt first")
+    lacking = [name for name in _NEEDED if not (folder / name).is_file()]
+    if lacking:
+        raise MotionError(
+            f"'{folder}' is not a result of mjmotion adapt: it lacks {', '.join(lacking)}"
+        )
+    character = Character.load(folder / MODEL)
+    model = character.model
+    motion = Motion.load(folder / MOTION, character)
+    source = Motion.load(folder / SOURCE, character)
+    body = MorphBody.load(folder / BODY, model) if (folder / BODY).is_file() else None
+    for name, other in ((SOURCE, source), (BODY, body)):
+        if other is not None and other.nframe != motion.nframe:
+            raise MotionError(
+                f"'{folder}': {name} has {other.nframe} frames and {MOTION} {motion.nframe}:"
+                " they must be of the same run"
+            )
+    report, unmet = _read_report(folder / REPORT)
+    return Result(
+        source,
+        motion,
+        load_contacts(folder / CONTACTS, model, motion.nframe),
+        trace=None,
+        unmet=unmet,
+        body=body,
+        title=str(report.get("title") or folder.resolve().name),
+        saved_report=report,
+    )
+
+
+class LoadedMotion(NamedTuple):
+    """A motion that a user named, with what is known of it.
+
+    Attributes:
+      motion: on the character's model; on character and scene in one for a result folder.
+      contacts: those of a result folder; None where nobody has said who stands when.
+    """
+
+    motion: Motion
+    contacts: tuple[Contact, ...] | None
+
+
+def read_motion(
+    what: str | Path,
+    character: CharacterLike | None = None,
+    *,
+    mapping: str | Path | None = None,
+    fps: float | None = None,
+) -> LoadedMotion:
+    """Return a motion that a user named: a file, a built-in clip, or a result folder.
+
+    Args:
+      what: BVH, AMC, CSV or NPZ file, built-in name, or folder (its ``motion.npz``).
+      character: the character that a file's frames are for, or what names one; ours without.
+      mapping: for a recording: which of its joints is which.
+      fps: rate of a clip in place of its file's own.
+
+    Raises:
+      ClipError: no such file or name, a damaged file, a skeleton that cannot be mapped.
+      ModelError: no such character.
+      MotionError: a folder without results, or one together with what is for files only.
+    """
+    path = Path(what)
+    if path.is_dir():
+        for option, value in (("character", character), ("mapping", mapping), ("fps", fps)):
+            if value is not None:
+                raise MotionError(f"'{path}' is a result folder and has its own {option}: leave it")
+        result = read_results(path)
+        if result.body is not None:
+            raise MotionError(
+                f"'{path}' holds a morph, whose body changes: give a motion of one body"
+            )
+        return LoadedMotion(result.motion, result.contacts)
+    motion = load_clip(what, character or "humanoid", mapping=mapping, fps=fps)
+    return LoadedMotion(motion, builtin_contacts(str(what)))
+
+
+def load_model(path: str | Path) -> mujoco.MjModel:
+    """Compile an MJCF file.
+
+    Raises:
+      MotionError: it is missing or MuJoCo cannot compile it.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MotionError(f"model file '{path}' does not exist: check the path")
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        raise MotionError(f"model '{path}' does not compile: {mujoco_message(error)}") from error
+
+
+def _read_report(path: Path) -> tuple[dict[str, Any], tuple[Unmet, ...]]:
+    """Return what ``report.json`` says, {} if it is not there, and what it lists as unmet.
+
+    Raises:
+      MotionError: it is damaged.
+    """
+    if not path.is_file():
+        return {}, ()
+    try:
+        report = json.loads(path.read_text("utf-8"))
+        if not isinstance(report, dict):
+            raise TypeError("not an object")
+        for name in ("levels", "unmet"):
+            report[name] = [dict(entry) for entry in report.get(name) or ()]
+        unmet = tuple(_unmet(entry) for entry in report["unmet"])
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise MotionError(
+            f"'{path}' is not a report of mjmotion ({error}): remove it and validate again"
+        ) from error
+    return report, unmet
+
+
+def _unmet(entry: dict[str, Any]) -> Unmet:
+    """Return an entry of ``unmet``, as :meth:`Unmet.as_dict` wrote it."""
+    millimetres, degrees = (
+        None if entry.get(name) is None else float(entry[name])
+        for name in ("residual_mm", "residual_deg")
+    )
+    return Unmet(
+        str(entry["constraint"]),
+        tuple(int(frame) for frame in entry["frames"]),
+        millimetres,
+        degrees,
+        int(entry.get("index", 0)),
+        str(entry.get("source", "scene")),
+    )
