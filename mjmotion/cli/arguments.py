@@ -89,7 +89,7 @@ def add_thresholds(parser: argparse.ArgumentParser) -> None:
 def add_folder(parser: argparse.ArgumentParser, default: str | None = None) -> None:
     """Add what every command takes that writes a result folder: where to, and whether a video.
 
-    :func:`mjmotion.cli.run.prepare` and ``finish`` act on them.
+    :func:`mjmotion.cli.run.prepare` and ``write`` act on them.
     """
     parser.add_argument(
         "--out",

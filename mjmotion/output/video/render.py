@@ -224,7 +224,7 @@ class _Renderer:
             raise RenderError(f"unknown layout '{layout}': use one of {', '.join(LAYOUTS)}")
         check_size(width, height)
         if source is not None:
-            source = _on_the_same(motion, source)
+            source = _source_on(motion, source)
         if body is not None:
             body = _body_on(motion, body, layout if source is not None else "single")
         self._fps, self._contacts, self._body = motion.fps, contacts, body
@@ -334,7 +334,7 @@ class _Renderer:
             write_label(image, "heel", x, -gap, small, anchor="right", dot=HEEL)
 
 
-def _on_the_same(motion: Motion, source: Motion) -> Motion:
+def _source_on(motion: Motion, source: Motion) -> Motion:
     """Return the source on the motion's model; RenderError where their frames differ."""
     source = source.on(motion.model)
     if source.nframe != motion.nframe:
