@@ -20,6 +20,7 @@ from mjmotion.body.kinematics import site_id, site_positions
 from mjmotion.constraints import lay_out
 from mjmotion.exceptions import FitError, unknown_name
 from mjmotion.fitting import Fit, contact_shift
+from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.paper.ablations import Ablation, compare
 from mjmotion.paper.figures import Figure
 from mjmotion.paper.job import LEVELS, Job
@@ -172,7 +173,7 @@ def run(
     *,
     ablations: bool = True,
     make: Callable[[str], Job] = make_job,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress = no_progress,
 ) -> Table1:
     """Run jobs and measure them.
 
@@ -181,26 +182,25 @@ def run(
       repeats: times are medians of so many runs.
       ablations: run the comparisons of §7 too; the large optimisation takes seconds a job.
       make: makes a job of a name.
-      progress: called with the name of each stage as it begins.
+      progress: called with stage, done, of.
 
     Raises:
       FitError: there is no job of a name.
     """
-    show = progress or (lambda stage: None)
     columns: dict[str, Measured] = {}
     solvers: list[Solver] = []
     compared: list[Ablation] = []
     for name in names:
-        show(f"{name}: making the job")
+        progress(f"{name}: making the job", 0, 0)
         job = make(name)
-        show(f"{name}: both solvers, {repeats} times")
+        progress(f"{name}: both solvers, {repeats} times", 0, 0)
         fits = {ik: lambda ik=ik, job=job: job.fit(ik) for ik in ("hybrid", "numeric")}
         runs = run_in_turns(fits, repeats)
         columns[name] = measure(job, [fit for _, fit in runs["hybrid"]])
         for ik, parameters in (("hybrid", job.nreduced), ("numeric", job.ndof)):
             solvers.append(_solver(job, ik, parameters, runs[ik]))
         if ablations:
-            show(f"{name}: the ablations of §7")
+            progress(f"{name}: the ablations of §7", 0, 0)
             compared += compare(job, max(1, repeats // 2))
     return Table1(columns, tuple(solvers), tuple(compared), repeats)
 

@@ -9,7 +9,7 @@ body push it away. In the last moment before a grasp the hand draws the rope in.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -21,6 +21,7 @@ from mjmotion.body.kinematics import character_geoms
 from mjmotion.body.motion import Motion
 from mjmotion.clips.climb_plan import Hold
 from mjmotion.exceptions import FitError
+from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.numerics.tangent import ominus
 
 Array = NDArray[np.float64]
@@ -38,7 +39,7 @@ def simulate(
     spec: mujoco.MjSpec,
     motion: Motion,
     holds: Sequence[Hold],
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = no_progress,
 ) -> Array:
     """Return the poses (nframe, nq) of climber and rope in one.
 
@@ -46,7 +47,7 @@ def simulate(
       spec: character and rope in one; the character's joints come first. It is not changed.
       motion: the climber's motion, on the character alone or on ``spec``'s model.
       holds: who holds what of the rope when.
-      progress: called with frames done and frames in all.
+      progress: called with ``"rope"``, frames done and frames in all.
 
     Raises:
       ModelError: there is no rope in ``spec``.
@@ -131,7 +132,7 @@ class _Simulation:
         self.collide = model.geom_conaffinity.copy()
         self.drawn: dict[int, tuple[Array, Array]] = {}
 
-    def run(self, progress: Callable[[int, int], None] | None) -> Array:
+    def run(self, progress: Progress) -> Array:
         """Return the poses (nframe, nq) of all frames."""
         count = len(self.whole)
         self._settle()
@@ -141,8 +142,7 @@ class _Simulation:
             poses[frame, : self.nq] = self.whole[frame, : self.nq]
             for step in range(self.steps if frame + 1 < count else 0):
                 self._step(frame, step / self.steps)
-            if progress is not None:
-                progress(frame + 1, count)
+            progress("rope", frame + 1, count)
         if not np.isfinite(poses).all() or any(warning.number for warning in self.data.warning):
             bad = np.flatnonzero(~np.isfinite(poses).all(axis=1))
             raise FitError("the rope's simulation went astray: make its edges longer", bad)
