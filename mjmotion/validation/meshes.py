@@ -27,17 +27,26 @@ def mesh_arrays(model: mujoco.MjModel, mesh: int) -> tuple[Array, Index]:
 
 
 def is_convex(model: mujoco.MjModel, mesh: int) -> bool:
-    """Whether a mesh fills its convex hull: no vertex or face centre lies inside the hull."""
+    """Whether a mesh is its own convex hull, to 1 mm, with no more than 1 % of it open.
+
+    Every triangle must be within 1 mm of one face of the hull, and all of them together must have
+    99 % of its area. The first finds pits and the sides of passages, the second what is missing.
+    """
     vertex, face = mesh_arrays(model, mesh)
+    centred = vertex - vertex.mean(axis=0)
     extent = float(np.ptp(vertex, axis=0).max())
-    if float(np.linalg.svd(vertex - vertex.mean(axis=0), compute_uv=False)[-1]) < 1e-9 * extent:
+    if float(np.linalg.svd(centred, compute_uv=False)[-1]) < _FLAT * extent:
         return False
-    points = np.concatenate((vertex, vertex[face].mean(axis=1)))
-    points = points[:: max(1, len(points) // 2000)]
-    hull, triangles = convex_hull(model, mesh)
-    plane = face_planes(hull[triangles], hull.mean(axis=0))
-    inside = np.min(plane[:, 3] - points @ plane[:, :3].T, axis=1)
-    return bool(inside.max() < 1e-3 * extent)
+    hull, hull_face = convex_hull(model, mesh)
+    if _areas(vertex[face]).sum() < _COVERED * _areas(hull[hull_face]).sum():
+        return False
+    plane = face_planes(hull[hull_face], hull.mean(axis=0))
+    triangle = vertex[face]
+    for part in np.array_split(triangle, 1 + 3 * len(triangle) * len(plane) // _CHUNK):
+        depth = (plane[:, 3] - part @ plane[:, :3].T).max(axis=1)  # (triangle, plane)
+        if (depth.min(axis=1) > _HOLLOW).any():
+            return False
+    return True
 
 
 def convex_hull(model: mujoco.MjModel, mesh: int) -> tuple[Array, Index]:
