@@ -99,6 +99,33 @@ def test_the_map() -> None:
     assert not circles({name: set(others) for name, others in graph.items()})
 
 
+def test_the_validation_is_independent() -> None:
+    """It imports motions and errors, numpy and mujoco: nothing that fits or plans can reach it.
+
+    Two more, where they are used: scipy for hulls that MuJoCo has not made, and a reader of YAML
+    for files of thresholds, which measures nothing.
+    """
+    allowed = {"mujoco", "numpy", "numpy.typing.NDArray", "mjmotion.body.motion.Motion"}
+    lazy = {"meshes": "scipy.spatial.ConvexHull", "thresholds": "yaml"}
+    foreign = []
+    for module, tree in TREES.items():
+        if module.split(".")[0] != "validation":
+            continue
+        for node in ast.walk(tree):
+            names: list[str] = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names = [f"{node.module}.{alias.name}" for alias in node.names]
+            for name in names:
+                inside = name.startswith(("mjmotion.validation.", "mjmotion.exceptions."))
+                late = name == lazy.get(module.rpartition(".")[2]) and node not in tree.body
+                standard = name.split(".")[0] in sys.stdlib_module_names
+                if not (inside or late or standard or name in allowed):
+                    foreign.append(f"{module}:{node.lineno} {name}")
+    assert not foreign, "not for the validation to know: " + "; ".join(foreign)
+
+
 def test_circles_are_found() -> None:
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c"]
 

@@ -23,7 +23,7 @@ from mjmotion.cli import main as cli
 from mjmotion.exceptions import ContactError, ModelError, MotionError, RenderError
 from mjmotion.footsteps.contacts import Contact, contact_mask, detect_contacts, save_contacts
 from mjmotion.output.folder import result_folder
-from mjmotion.output.reading import load_model, read_motion, read_results
+from mjmotion.output.reading import read_motion, read_results
 from mjmotion.output.result import Result, write_results
 from mjmotion.paper.morph import make_job
 from mjmotion.scene import with_ground

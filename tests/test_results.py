@@ -15,7 +15,7 @@ from mjmotion.clips import load_clip
 from mjmotion.exceptions import ClipError, ModelError, MotionError
 from mjmotion.fitting import Trace
 from mjmotion.footsteps.contacts import Contact
-from mjmotion.output.reading import load_model, read_motion
+from mjmotion.output.reading import read_motion
 from mjmotion.output.result import Result, write_motions
 from mjmotion.scene import compose, load_scene, with_ground
 

@@ -18,7 +18,7 @@ from mjmotion.footsteps.contacts import Contact
 from mjmotion.validation import THRESHOLDS, Validation, read_thresholds, validate
 from mjmotion.validation.figures import joint_jerk, sole_sites
 from mjmotion.validation.ground import Ground
-from mjmotion.validation.penetration import character_of, penetration
+from mjmotion.validation.penetration import CharacterGeoms, penetration
 
 FPS = 30.0
 # A trunk on a foot: the sole is 20 cm by 10 cm and level with z = 0 where the root is at 0.5.
@@ -473,20 +473,20 @@ def test_pruned_pairs_are_all_that_touch() -> None:
     qpos[:, :3] = rng.uniform(-1, 1, (60, 3))
     qpos[:, 3:7] = rng.standard_normal((60, 4))
     qpos = Motion(model, qpos, FPS).qpos
-    ground, character = Ground(model), character_of(model, ())
+    ground, geoms = Ground(model), CharacterGeoms.of(model, ())
     data = mujoco.MjData(model)
     expected = np.zeros((60, 2))
     position, matrix = np.empty((60, 2, 3)), np.empty((60, 2, 3, 3))
     for frame, i in itertools.product(range(60), range(2)):
         data.qpos[:] = qpos[frame]
         mujoco.mj_kinematics(model, data)
-        geom = int(character.geoms[i])
+        geom = int(geoms.ids[i])
         position[frame, i] = data.geom_xpos[geom]
         matrix[frame, i] = data.geom_xmat[geom].reshape(3, 3)
         for other in ground.convex:
             gap = mujoco.mj_geomDistance(model, data, geom, other, 0.0, None)
             expected[frame, i] = max(expected[frame, i], -gap)
-    depth, other = penetration(ground, character, position, matrix)
+    depth, other = penetration(ground, geoms, position, matrix)
     assert (expected > 0.01).sum() > 20 and (expected == 0).sum() > 20
     np.testing.assert_allclose(depth, expected, atol=1e-8)
     assert ((other >= 0) == (depth > 0)).all()

@@ -9,8 +9,8 @@ import pytest
 from mjmotion.body.motion import Motion
 from mjmotion.validation.field import BoxTops, Tops
 from mjmotion.validation.figures import Swing, poses_of, swing_clearances
-from mjmotion.validation.ground import Ground, ground_of
-from mjmotion.validation.penetration import character_of, sample_spacing, sole_points
+from mjmotion.validation.ground import Ground
+from mjmotion.validation.penetration import CharacterGeoms, sample_spacing, sole_points
 
 SCENE = """
 <geom type="hfield" hfield="h" pos=".1 .2 -.1" euler="0 0 30"/>
@@ -101,17 +101,17 @@ def test_swing_clearance_is_that_of_the_lowest_of_all_points() -> None:
     qpos[:, 2] = rng.uniform(0.3, 1.2, nframe)
     qpos[:, 3:7] = np.array([1.0, 0, 0, 0]) + 0.4 * rng.standard_normal((nframe, 4))
     foot = model.body("foot").id
-    ground, character = Ground(model), character_of(model, (foot,))
-    poses = poses_of(Motion(model, qpos, 30.0), character)
+    ground, geoms = Ground(model), CharacterGeoms.of(model, (foot,))
+    poses = poses_of(Motion(model, qpos, 30.0), geoms)
     swings = [Swing(foot, start, start + 12, start, start + 12) for start in range(0, nframe, 12)]
     expected = np.full(nframe, np.inf)
     for i in range(2):
-        place = poses.geom[:, i], poses.turn[:, i]
-        xyz, frame = sole_points(character, i, *place, sample_spacing(ground))
+        position, matrix = poses.geom[:, i], poses.turn[:, i]
+        xyz, frame = sole_points(geoms, i, position, matrix, sample_spacing(ground))
         clear = xyz[:, 2] - ground.heights(xyz)[0]
         np.fmin.at(expected, frame, clear)
     for swing, (clear, frame) in zip(
-        swings, swing_clearances(swings, ground, character, poses), strict=True
+        swings, swing_clearances(swings, ground, geoms, poses), strict=True
     ):
         span = expected[swing.first : swing.last]
         assert clear == pytest.approx(span.min(), abs=1e-12)
@@ -127,9 +127,9 @@ def test_poses_are_those_of_one_frame_at_a_time_whatever_lies_between_the_geoms(
     )
     rng = np.random.default_rng(6)
     motion = Motion(model, rng.standard_normal((7, model.nq)), 30.0)
-    character = character_of(model, ())
-    assert character.geoms.tolist() == [1, 3]
-    poses = poses_of(motion, character)
+    geoms = CharacterGeoms.of(model, ())
+    assert geoms.ids.tolist() == [1, 3]
+    poses = poses_of(motion, geoms)
     data = mujoco.MjData(model)
     for frame in range(7):
         data.qpos[:] = motion.qpos[frame]
@@ -137,12 +137,3 @@ def test_poses_are_those_of_one_frame_at_a_time_whatever_lies_between_the_geoms(
         np.testing.assert_array_equal(poses.geom[frame], data.geom_xpos[[1, 3]])
         np.testing.assert_array_equal(poses.turn[frame].reshape(2, 9), data.geom_xmat[[1, 3]])
         np.testing.assert_array_equal(poses.site[frame], data.site_xpos)
-
-
-def test_the_ground_of_a_model_is_its_own() -> None:
-    first, second = build(), build(seed=6)
-    assert ground_of(first) is ground_of(first)
-    points = np.random.default_rng(7).uniform(-1, 1, (50, 3)) + (0, 0, 5)
-    heights = [ground_of(model).heights(points)[0] for model in (first, second)]
-    assert not np.allclose(*heights)
-    np.testing.assert_array_equal(heights[1], Ground(second).heights(points)[0])

@@ -44,7 +44,8 @@ _CONVEX = (
     mujoco.mjtGeom.mjGEOM_BOX,
     mujoco.mjtGeom.mjGEOM_MESH,
 )
-_CONVEX_SHARE = 0.98  # a mesh that fills this much of its hull counts as convex
+_HOLLOW = 1e-3  # a convex mesh has no triangle that is further inside its hull [m]
+_COVERED = 0.99  # of its hull's area that a convex mesh has at least
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,10 +73,11 @@ class Obstacle:
 
 
 def convex_obstacles(model: mujoco.MjModel) -> NDArray[np.int64]:
-    """Return the static colliding convex geoms of a scene: what a body could be inside of.
+    """Return the ids of a scene's obstacles: the solids that a body could be inside of.
 
-    Planes and heightfields are ground, and so is a mesh that is not convex, since MuJoCo would take
-    its hull for it.
+    They are by the rule of ``docs/figures.md``, "What is solid": geoms that do not move and collide
+    with anything, of a convex kind. Planes and heightfields are ground alone, and so is a mesh that
+    is not convex, since MuJoCo would take its hull for it.
     """
     static = model.body_weldid[model.geom_bodyid] == 0
     solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
@@ -85,6 +87,7 @@ def convex_obstacles(model: mujoco.MjModel) -> NDArray[np.int64]:
 
 
 def _fills_hull(model: mujoco.MjModel, geom: int) -> bool:
+    """Whether a geom is its own convex hull: any but a mesh with pits, passages or open sides."""
     if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
         return True
     from scipy.spatial import ConvexHull, QhullError
@@ -94,11 +97,20 @@ def _fills_hull(model: mujoco.MjModel, geom: int) -> bool:
     vertices = np.asarray(model.mesh_vert[start : start + count], dtype=np.float64)
     start, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
     corners = vertices[model.mesh_face[start : start + count]]
-    volume = abs(np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))) / 6.0
     try:
-        return bool(volume >= _CONVEX_SHARE * ConvexHull(vertices).volume)
-    except QhullError:
+        hull = ConvexHull(vertices)
+    except QhullError:  # flat
         return False
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if np.linalg.norm(across, axis=1).sum() / 2.0 < _COVERED * hull.area:
+        return False
+    # Triangles are struck off face by face of the hull: what is left at the end is inside it.
+    for *normal, offset in hull.equations:
+        on_face = (corners @ np.array(normal) + offset >= -_HOLLOW).all(axis=1)
+        corners = corners[~on_face]
+        if len(corners) == 0:
+            return True
+    return False
 
 
 def find_obstacles(

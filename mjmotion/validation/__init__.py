@@ -5,6 +5,9 @@
     validation.worst["sole_penetration_mm"]    # the frame, and the body it happened to
     validation.broken()                        # names of the figures beyond their thresholds
 
+It imports of mjmotion only motions and errors: what it knows of scenes, feet, limits and shapes it
+finds out by itself. ``Judge`` keeps that for many motions on one model.
+
 The character is the tree of bodies under the free root; all that cannot move and collides is the
 scene. A figure that nothing was there to measure for (no heightfield, no swing) is NaN and never
 broken. How each is defined stands in ``docs/figures.md`` and at the functions that compute it.
@@ -12,7 +15,7 @@ broken. How each is defined stands in ``docs/figures.md`` and at the functions t
 
 from __future__ import annotations
 
-from mjmotion.validation.compute import validate
+from mjmotion.validation.compute import Judge, validate
 from mjmotion.validation.result import Row, Validation, Worst
 from mjmotion.validation.thresholds import (
     THRESHOLDS,
@@ -23,6 +26,7 @@ from mjmotion.validation.thresholds import (
 
 __all__ = [
     "THRESHOLDS",
+    "Judge",
     "Row",
     "Threshold",
     "Validation",

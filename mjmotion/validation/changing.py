@@ -13,13 +13,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.morph_body import MorphBody
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import MotionError
 from mjmotion.validation.figures import Poses, Swing
 from mjmotion.validation.ground import Ground
+from mjmotion.validation.inputs import ChangingBody
 from mjmotion.validation.morph_poses import body_poses
-from mjmotion.validation.penetration import Character
+from mjmotion.validation.penetration import CharacterGeoms
 from mjmotion.validation.solids import reach, solid_of
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ class Changing:
     Args:
       motion: the motion.
       body: the body of every frame.
-      character: the geoms to measure.
+      geoms: the character's geoms to measure.
       ground: the scene: planes alone.
 
     Raises:
@@ -40,7 +40,7 @@ class Changing:
     """
 
     def __init__(
-        self, motion: Motion, body: MorphBody, character: Character, ground: Ground
+        self, motion: Motion, body: ChangingBody, geoms: CharacterGeoms, ground: Ground
     ) -> None:
         if body.nframe != motion.nframe:
             raise MotionError(
@@ -49,11 +49,9 @@ class Changing:
             )
         if ground.convex or ground.fields or ground.surfaces:
             raise MotionError("a body that changes is measured on level ground: use a flat scene")
-        self._body, self._character, self._ground = body.on(motion.model), character, ground
+        self._body, self._geoms, self._ground = body.on(motion.model), geoms, ground
         poses = body_poses(self._body, motion.qpos)
-        self.poses = Poses(
-            poses.site, poses.geom[:, character.geoms], poses.geom_matrix[:, character.geoms]
-        )
+        self.poses = Poses(poses.site, poses.geom[:, geoms.ids], poses.geom_matrix[:, geoms.ids])
         self._distance = self._distances()
 
     def penetration(self) -> tuple[Array, NDArray[np.int64]]:
@@ -67,7 +65,7 @@ class Changing:
 
     def clearances(self, swings: Sequence[Swing]) -> list[tuple[float, int]]:
         """Return the least height [m] of the sole over the ground in each swing, and its frame."""
-        owner = self._ground.model.geom_bodyid[self._character.geoms]
+        owner = self._ground.model.geom_bodyid[self._geoms.ids]
         result = []
         for swing in swings:
             near = self._distance[:, swing.first : swing.last, owner == swing.foot]
@@ -91,18 +89,18 @@ class Changing:
 
     def _reach(self, toward: Array) -> Array:
         """How far geoms reach (nframe, ngeom) [m] along directions (nframe, ngeom, 3) in theirs."""
-        body, character = self._body, self._character
+        body, geoms = self._body, self._geoms
         result = np.empty(toward.shape[:2])
         model = copy.copy(body.model)
-        meshes = model.geom_type[character.geoms] == mujoco.mjtGeom.mjGEOM_MESH
+        meshes = model.geom_type[geoms.ids] == mujoco.mjtGeom.mjGEOM_MESH
         for i in np.flatnonzero(meshes):
-            mesh = model.geom_dataid[character.geoms[i]]
+            mesh = model.geom_dataid[geoms.ids[i]]
             start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
             vertex = body.fields["mesh_vert"][:, start : start + count]
             result[:, i] = np.einsum("fvi,fi->fv", vertex, toward[:, i]).max(axis=1)
         for frame in range(body.nframe):  # the rest are few, and each has a shape of its own
             model.geom_size[:] = body.fields["geom_size"][frame]
             for i in np.flatnonzero(~meshes):
-                solid = solid_of(model, int(character.geoms[i]))
+                solid = solid_of(model, int(geoms.ids[i]))
                 result[frame, i] = reach(solid, toward[frame, i][None])[0]
         return result

@@ -9,15 +9,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.joint_limits import JointLimits
-from mjmotion.body.morph_body import MorphBody
 from mjmotion.body.motion import Motion
-from mjmotion.footsteps.contacts import Contact
+from mjmotion.exceptions import MotionError
 from mjmotion.validation.changing import Changing
 from mjmotion.validation.figures import (
     Poses,
     check_pair,
-    contact_frames,
     jerk_dofs,
     joint_jerk,
     poses_of,
@@ -28,10 +25,13 @@ from mjmotion.validation.figures import (
     swings_of,
     travel,
 )
-from mjmotion.validation.ground import ground_of
-from mjmotion.validation.penetration import Character, character_of, penetration
+from mjmotion.validation.ground import Ground
+from mjmotion.validation.inputs import ChangingBody, Contact
+from mjmotion.validation.limits import limit_excess
+from mjmotion.validation.penetration import CharacterGeoms, penetration
 from mjmotion.validation.result import LABELS, Validation, Worst, asked_clearance
-from mjmotion.validation.thresholds import THRESHOLDS, merge_thresholds
+from mjmotion.validation.stance import Stance
+from mjmotion.validation.thresholds import THRESHOLDS, Threshold, merge_thresholds
 
 _MM = 1000.0
 
@@ -42,17 +42,18 @@ def validate(
     contacts: Sequence[Contact],
     *,
     thresholds: Mapping[str, object] | None = None,
-    body: MorphBody | None = None,
+    body: ChangingBody | None = None,
 ) -> Validation:
     """Compute every figure of an adapted motion.
 
-    What is known of a model's shapes is kept for the next motion on the same ``MjModel``: compile
-    a new one rather than change geoms in place.
+    The model is looked at as it is now. To measure many motions on one model, keep a
+    :class:`Judge`.
 
     Args:
       source: the motion before adaptation, on flat ground; same joints and frames.
       motion: the adapted motion; its model holds the character and the scene.
-      contacts: who stands when. Their bodies are the feet.
+      contacts: who stands when: anything with ``site``, ``start`` and ``end``. Their bodies are
+        the feet.
       thresholds: changes to ``THRESHOLDS``, by name.
       body: the character's size in every frame of ``motion``, where that changes.
 
@@ -62,32 +63,63 @@ def validate(
     Raises:
       MotionError: source, motion and contacts do not belong together, or a threshold is unknown.
     """
-    merged = merge_thresholds(thresholds)
+    merge_thresholds(thresholds)  # a wrong one is told before any work is done
     check_pair(source, motion, contacts)
-    return _Validator(source, motion, tuple(contacts), body).run(merged)
+    return Judge(motion.model, contacts).validate(source, motion, thresholds=thresholds, body=body)
 
 
-class _Validator:
-    """Collects figures, and where each is worst, from one pair of motions."""
+class Judge:
+    """The shapes of a model's scene and character, kept for many motions with the same contacts.
 
-    def __init__(
+        judge = Judge(motion.model, contacts)
+        judge.validate(source, motion).broken()
+
+    They are those of when it was made: after a change of the model make a new one.
+
+    Args:
+      model: holds the character and the scene.
+      contacts: who stands when. Their bodies are the feet.
+    """
+
+    def __init__(self, model: mujoco.MjModel, contacts: Sequence[Contact]) -> None:
+        self.model, self.contacts = model, tuple(contacts)
+        self.sites = sole_sites(model, self.contacts)
+        self.feet = tuple(sorted({int(model.site_bodyid[site]) for site in self.sites}))
+        self.ground = Ground(model)
+        self.geoms = CharacterGeoms.of(model, self.feet)
+
+    def validate(
         self,
         source: Motion,
         motion: Motion,
-        contacts: tuple[Contact, ...],
-        body: MorphBody | None,
+        *,
+        thresholds: Mapping[str, object] | None = None,
+        body: ChangingBody | None = None,
+    ) -> Validation:
+        """Compute every figure of an adapted motion: arguments and errors as :func:`validate`.
+
+        Raises:
+          MotionError: also if the motion is on another model than this is for.
+        """
+        merged = merge_thresholds(thresholds)
+        if motion.model is not self.model:
+            raise MotionError("the motion is on another model: make a Judge of motion.model")
+        check_pair(source, motion, self.contacts)
+        return _Figures(self, source, motion, body).collect(merged)
+
+
+class _Figures:
+    """Collects figures, and where each is worst, from one pair of motions."""
+
+    def __init__(
+        self, judge: Judge, source: Motion, motion: Motion, body: ChangingBody | None
     ) -> None:
-        self.source, self.motion, self.contacts = source, motion, contacts
-        self.model: mujoco.MjModel = motion.model
-        self.sites = sole_sites(self.model, contacts)
-        self.feet = tuple(sorted({int(self.model.site_bodyid[site]) for site in self.sites}))
-        self.ground = ground_of(self.model)
-        self.character: Character = character_of(self.model, self.feet)
-        self.changing = (
-            None if body is None else Changing(motion, body, self.character, self.ground)
-        )
+        self.source, self.motion, self.contacts = source, motion, judge.contacts
+        self.model, self.ground, self.geoms = judge.model, judge.ground, judge.geoms
+        self.sites, self.feet = judge.sites, judge.feet
+        self.changing = None if body is None else Changing(motion, body, self.geoms, self.ground)
         self.poses: Poses = (
-            poses_of(motion, self.character) if self.changing is None else self.changing.poses
+            poses_of(motion, self.geoms) if self.changing is None else self.changing.poses
         )
         self.metrics = dict.fromkeys(LABELS, np.nan)
         self.worst: dict[str, Worst] = {}
@@ -96,7 +128,8 @@ class _Validator:
         self.per_swing: list[dict[str, Any]] = []
         self.per_joint: dict[str, tuple[float, float]] = {}
 
-    def run(self, thresholds: dict[str, Any]) -> Validation:
+    def collect(self, thresholds: dict[str, Threshold]) -> Validation:
+        """Return all figures, beside the thresholds given."""
         self.standing()
         self.penetrations()
         self.swinging()
@@ -116,92 +149,36 @@ class _Validator:
         )
 
     def note(self, name: str, value: float, frame: int | None, where: str) -> None:
+        """Keep a figure, and where it is worst."""
         self.metrics[name] = value
         self.worst[name] = Worst(frame, where)
 
     def standing(self) -> None:
         """Drift, gap and skate of every contact, and heights of soles over all frames."""
-        column = {site: i for i, site in enumerate(self.sites)}
-        place = self.poses.site[:, self.sites]
-        height, under = self.ground.heights(place.reshape(-1, 3))
-        height, under = height.reshape(place.shape[:2]), under.reshape(place.shape[:2])
-        gap = np.abs(place[:, :, 2] - height)
-        gap[under < 0] = np.inf  # stands on nothing
-        soft = (under >= 0) & (
-            self.model.geom_type[np.maximum(under, 0)] == mujoco.mjtGeom.mjGEOM_HFIELD
-        )
-        which, frame = contact_frames(self.contacts)
-        held = np.zeros(place.shape[:2], dtype=bool)
-        skate: list[NDArray[np.float64]] = []
-        for contact in self.contacts:
-            i = column[self.model.site(contact.site).id]
-            span = slice(contact.start, contact.end)
-            held[span, i] = True
-            drift = np.linalg.norm(place[span, i] - place[span, i].mean(axis=0), axis=1)
-            speed = np.linalg.norm(np.diff(place[span, i, :2], axis=0), axis=1) * self.motion.fps
-            skate.append(speed)
-            drifted = int(drift.argmax())
-            gapped = int(gap[span, i].argmax())
-            geom = int(under[contact.start + gapped, i])
-            self.per_contact.append(
-                {
-                    "site": contact.site,
-                    "start": contact.start,
-                    "end": contact.end,
-                    "drift_mm": float(drift[drifted] * _MM),
-                    "drift_frame": contact.start + drifted,
-                    "gap_mm": float(gap[contact.start + gapped, i] * _MM),
-                    "gap_frame": contact.start + gapped,
-                    "skate_mm_s": float(speed.mean() * _MM) if len(speed) else 0.0,
-                    "ground": self.ground.name(geom),
-                    "ground_kind": "hfield" if soft[contact.start + gapped, i] else "solid",
-                }
-            )
-        for i, site in enumerate(self.sites):
-            name = self.model.site(site).name
-            self.per_frame[f"height_m/{name}"] = place[:, i, 2].copy()
-            self.per_frame[f"ground_m/{name}"] = height[:, i].copy()
-            self.per_frame[f"gap_mm/{name}"] = np.where(held[:, i], gap[:, i] * _MM, np.nan)
-            self.per_frame[f"contact/{name}"] = held[:, i].copy()
+        position = self.poses.site[:, self.sites]
+        stance = Stance(self.ground, self.sites, position, self.contacts, self.motion.fps)
+        self.per_contact, frames = stance.per_contact(), stance.per_frame()
+        self.per_frame.update(frames)
         if not self.contacts:
             return
-        drifts = [entry["drift_mm"] for entry in self.per_contact]
-        worst = self.per_contact[int(np.argmax(drifts))]
+        worst = max(self.per_contact, key=lambda entry: entry["drift_mm"])
         self.note("stance_drift_mm", worst["drift_mm"], worst["drift_frame"], worst["site"])
-        speeds = np.concatenate(skate)
-        if len(speeds):
+        speed = stance.mean_speed()
+        if not np.isnan(speed):
             fastest = max(self.per_contact, key=lambda entry: entry["skate_mm_s"])
-            self.note(
-                "foot_skate_mm_s",
-                float(speeds.mean() * _MM),
-                None,
-                f"{fastest['site']} from frame {fastest['start']}: {fastest['skate_mm_s']:.1f}",
-            )
-        columns = np.array([column[self.model.site(c.site).id] for c in self.contacts])[which]
-        gaps, on_field = gap[frame, columns] * _MM, soft[frame, columns]
-        stands = np.array([contact.stands for contact in self.contacts])[which]
-        for name, group, share in (
-            ("stance_gap_max_mm", stands & ~on_field, 100.0),
-            ("stance_gap_hfield_p95_mm", stands & on_field, 95.0),
-        ):
-            if group.any():
-                value = gaps[group].max() if share == 100 else np.percentile(gaps[group], share)
-                k = np.flatnonzero(group)[gaps[group].argmax()]
-                geom = int(under[frame[k], columns[k]])
-                site = self.contacts[which[k]].site
-                where = f"{site} over {self.ground.name(geom)}"
-                if share != 100:
-                    where += f": {gaps[k]:.2f} mm"
-                self.note(name, float(value), int(frame[k]), where)
+            place = f"{fastest['site']} from frame {fastest['start']}"
+            self.note("foot_skate_mm_s", speed, None, f"{place}: {fastest['skate_mm_s']:.1f}")
+        for gap in stance.gaps():
+            self.metrics[gap.name], self.worst[gap.name] = gap.value, gap.worst
 
     def penetrations(self) -> None:
         """How deep feet and all other bodies are in the scene."""
         depth, other = (
-            penetration(self.ground, self.character, self.poses.geom, self.poses.turn)
+            penetration(self.ground, self.geoms, self.poses.geom, self.poses.turn)
             if self.changing is None
             else self.changing.penetration()
         )
-        foot = self.character.foot
+        foot = self.geoms.foot
         for name, group in (
             ("sole_penetration_mm", foot),
             ("obstacle_penetration_mm", ~foot),
@@ -216,7 +193,7 @@ class _Validator:
             value = float(deep[frame, i])
             self.metrics[name] = value
             if value > 0:
-                body = int(self.model.geom_bodyid[self.character.geoms[columns[i]]])
+                body = int(self.model.geom_bodyid[self.geoms.ids[columns[i]]])
                 against = self.ground.name(int(other[frame, columns[i]]))
                 self.worst[name] = Worst(int(frame), f"{self.model.body(body).name} in {against}")
 
@@ -226,12 +203,12 @@ class _Validator:
         if not swings:
             return
         mine = (
-            swing_clearances(swings, self.ground, self.character, self.poses)
+            swing_clearances(swings, self.ground, self.geoms, self.poses)
             if self.changing is None
             else self.changing.clearances(swings)
         )
-        before = poses_of(self.source, self.character)
-        theirs = source_clearances(swings, self.contacts, self.model, self.character, before)
+        before = poses_of(self.source, self.geoms)
+        theirs = source_clearances(swings, self.contacts, self.model, self.geoms, before)
         for swing, (clear, frame), (own, _) in zip(swings, mine, theirs, strict=True):
             self.per_swing.append(
                 {
@@ -261,13 +238,12 @@ class _Validator:
 
     def joint_limits(self) -> None:
         """Excess over joint ranges."""
-        limits = JointLimits(self.model)
-        excess = limits.excess(self.motion.qpos)
+        excess, names = limit_excess(self.model, self.motion.qpos)
         self.per_frame["joint_limit_rad"] = excess.max(axis=1, initial=0.0)
         self.metrics["joint_limit_rad"] = float(excess.max(initial=0.0))
         if self.metrics["joint_limit_rad"] > 0:
             frame, i = np.unravel_index(excess.argmax(), excess.shape)
-            self.worst["joint_limit_rad"] = Worst(int(frame), limits.names[i])
+            self.worst["joint_limit_rad"] = Worst(int(frame), names[i])
 
     def jerks(self) -> None:
         """Third derivatives of joint angles, adapted over source."""
@@ -294,8 +270,8 @@ class _Validator:
             None,
             max(self.per_joint, key=lambda name: self.per_joint[name][0] - self.per_joint[name][1]),
         )
-        high = [float(np.percentile(np.abs(jerk), 99.9)) for jerk in (adapted, own)]
-        self.note("jerk_ratio_p999", ratio(*high), int(frame), where)
+        high, own_high = (float(np.percentile(np.abs(jerk), 99.9)) for jerk in (adapted, own))
+        self.note("jerk_ratio_p999", ratio(high, own_high), int(frame), where)
 
     def travelling(self) -> None:
         """How far the root goes over the ground."""

@@ -35,7 +35,7 @@ class Tops:
         kind = power[:, 0] * 64 + power[:, 1]
         for code in np.unique(kind):
             rows = np.flatnonzero(kind == code)
-            table = self._table(*divmod(int(code), 64))
+            table = self._table(int(code) // 64, int(code) % 64)
             r, c = first[rows].T
             end_r, end_c = (last[rows] + 1 - (1 << power[rows])).T
             highest[rows] = np.maximum(

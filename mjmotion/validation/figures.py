@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, MotionError, unknown_name
-from mjmotion.footsteps.contacts import Contact
-from mjmotion.numerics.tangent import ominus
 from mjmotion.validation.ground import Ground
+from mjmotion.validation.inputs import Contact
 from mjmotion.validation.penetration import (
-    Character,
+    CharacterGeoms,
     lowest_points,
     sample_spacing,
     sole_points,
@@ -56,12 +55,12 @@ class Swing:
     last: int
 
 
-def poses_of(motion: Motion, character: Character) -> Poses:
+def poses_of(motion: Motion, geoms: CharacterGeoms) -> Poses:
     """Return sites and geoms of all frames, from ``mj_kinematics`` alone.
 
     A frame costs 3 µs here, less than it takes to set up a batch for a single pass over a clip.
     """
-    model, ids = motion.model, character.geoms
+    model, ids = motion.model, geoms.ids
     data = mujoco.MjData(model)
     first, last = (int(ids[0]), int(ids[-1]) + 1) if len(ids) else (0, 0)
     # Views of what MuJoCo writes; the character's geoms follow one another, or nearly so.
@@ -76,7 +75,7 @@ def poses_of(motion: Motion, character: Character) -> Poses:
         place[0][:], place[1][:], place[2][:] = site_xpos, geom_xpos, geom_xmat
     if last - first > len(ids):
         geom, turn = geom[:, ids - first], turn[:, ids - first]
-    return Poses(site, geom, turn.reshape(*turn.shape[:2], 3, 3))
+    return Poses(site, geom, turn.reshape(motion.nframe, -1, 3, 3))
 
 
 def check_pair(source: Motion, motion: Motion, contacts: Sequence[Contact]) -> None:
@@ -155,14 +154,14 @@ def swings_of(
 
 
 def swing_clearances(
-    swings: Sequence[Swing], ground: Ground, character: Character, poses: Poses
+    swings: Sequence[Swing], ground: Ground, geoms: CharacterGeoms, poses: Poses
 ) -> list[tuple[float, int]]:
     """Return the least height [m] of the sole over the ground in each swing, and its frame.
 
     Points over no ground at all do not count; a swing without any is infinitely clear.
     """
     result = [(np.inf, swing.first) for swing in swings]
-    body = ground.model.geom_bodyid[character.geoms]
+    body = ground.model.geom_bodyid[geoms.ids]
     # One row for every geom of the foot in every frame of every swing, geom by geom.
     rows = [
         np.stack(np.broadcast_arrays(i, np.arange(swing.first, swing.last), order), axis=1)
@@ -175,20 +174,20 @@ def swing_clearances(
     geom, at, number = np.concatenate(rows).T
     position, matrix = poses.geom[at, geom], poses.turn[at, geom]
     spacing = sample_spacing(ground)
-    lowest = _low_points(character, geom, position, matrix, spacing)
+    lowest = _low_points(geoms, geom, position, matrix, spacing)
     some = np.flatnonzero(~np.isnan(lowest[:, 2]))
     known = lowest[some, 2] - ground.heights(lowest[some])[0]
     least = np.full(len(swings), np.inf)
     np.fmin.at(least, number[some], known)
     # No ground near is higher than this, so what is higher by more than is known cannot count.
-    middle, extent = world_boxes(ground.model, character.geoms[geom], position, matrix)
+    middle, extent = world_boxes(ground.model, geoms.ids[geom], position, matrix)
     above = np.where(np.isinf(least), 0.0, least + 1e-9)[number]
     top = np.where(np.isinf(least[number]), np.inf, ground.highest(middle, extent) + above)
     low = middle[:, 2] - extent[:, 2] < top
     points, owners, frames = [], [], []
     for i in np.unique(geom[low]).tolist():
         mine = np.flatnonzero(low & (geom == i))
-        xyz, row = sole_points(character, i, position[mine], matrix[mine], spacing, top[mine])
+        xyz, row = sole_points(geoms, i, position[mine], matrix[mine], spacing, top[mine])
         points.append(xyz)
         owners.append(number[mine[row]])
         frames.append(at[mine[row]])
@@ -207,7 +206,7 @@ def swing_clearances(
 
 
 def _low_points(
-    character: Character, geom: Index, position: Array, matrix: Array, spacing: float
+    geoms: CharacterGeoms, geom: Index, position: Array, matrix: Array, spacing: float
 ) -> Array:
     """Return the lowest sample (n, 3) on the underside of geoms number ``geom`` (n,) [m].
 
@@ -216,7 +215,7 @@ def _low_points(
     points = np.empty_like(position)
     for i in np.unique(geom).tolist():
         mine = np.flatnonzero(geom == i)
-        whole = character.skin(i, spacing)
+        whole = geoms.skin(i, spacing)
         height = matrix[mine, 2] @ whole.point.T
         height[~whole.facing_down(matrix[mine])] = np.inf
         lowest = height.argmin(axis=1)
@@ -229,7 +228,7 @@ def source_clearances(
     swings: Sequence[Swing],
     contacts: Sequence[Contact],
     model: mujoco.MjModel,
-    character: Character,
+    geoms: CharacterGeoms,
     poses: Poses,
 ) -> list[tuple[float, int]]:
     """Return the same as swing_clearances for the source, whose ground is nowhere in the scene.
@@ -237,10 +236,10 @@ def source_clearances(
     The source's ground is the height that the foot stood at before and stands at after: the mean
     height of its contacts, and straight lines over time between them.
     """
-    body = model.geom_bodyid[character.geoms]
+    body = model.geom_bodyid[geoms.ids]
     every = np.arange(len(poses.site))
     lowest = {
-        i: lowest_points(character.solids[i], poses.geom[:, i], poses.turn[:, i])
+        i: lowest_points(geoms.solids[i], poses.geom[:, i], poses.turn[:, i])
         for i in np.flatnonzero(np.isin(body, [swing.foot for swing in swings])).tolist()
     }
     levels = {}
@@ -274,9 +273,12 @@ def joint_jerk(motion: Motion) -> Array:
     out, for they are not angles.
     """
     model, qpos = motion.model, motion.qpos
-    velocity = ominus(model, qpos[1:], qpos[:-1]) * motion.fps
-    jerk = np.diff(velocity[:, jerk_dofs(model)], n=2, axis=0) * motion.fps**2
-    return np.asarray(jerk)
+    displacement = np.empty((motion.nframe - 1, model.nv))
+    for row, before, after in zip(displacement, qpos[:-1], qpos[1:], strict=True):
+        # A frame a call costs half a microsecond, less than NumPy over all frames.
+        mujoco.mj_differentiatePos(model, row, 1.0, before, after)
+    velocity = displacement[:, jerk_dofs(model)] * motion.fps
+    return np.asarray(np.diff(velocity, n=2, axis=0) * motion.fps**2)
 
 
 def joint_jerk_ratio(motion: Motion, others: Sequence[Motion]) -> float:

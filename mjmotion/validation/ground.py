@@ -14,14 +14,14 @@ own triangles enclose (an open sheet as solid below it), not as the hull it coll
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.validation.field import BoxTops, Field, field_grid
-from mjmotion.validation.solids import Solid, is_convex, mesh_arrays, solid_of, vertical_extent
+from mjmotion.validation.meshes import is_convex, mesh_arrays
+from mjmotion.validation.solids import Solid, solid_of, vertical_extent
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -32,15 +32,9 @@ _UPRIGHT = 1e-15  # of the cosine: how far off the vertical a box may be to coun
 
 
 def static_geoms(model: mujoco.MjModel) -> Index:
-    """Return the scene: geoms that collide, on bodies that cannot move."""
+    """Return the scene: geoms that collide with anything, on bodies that cannot move."""
     fixed = model.body_weldid[model.geom_bodyid] == 0
     return np.flatnonzero(fixed & ((model.geom_contype != 0) | (model.geom_conaffinity != 0)))
-
-
-@lru_cache(maxsize=8)
-def ground_of(model: mujoco.MjModel) -> Ground:
-    """Return the ground of a model, kept for the next motion on it: models do not change."""
-    return Ground(model)
 
 
 class Ground:
@@ -50,7 +44,8 @@ class Ground:
       planes: ids of planes.
       fields: the heightfields that stand upright.
       convex: ids of boxes, balls, rods and convex meshes.
-      surfaces: ids of other meshes, and of tilted heightfields, taken triangle by triangle.
+      surfaces: ids of other meshes, of signed distance fields, and of tilted heightfields, all
+        taken triangle by triangle.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -147,12 +142,14 @@ class Ground:
         for field in self.fields:
             add(every, np.full(len(xy), -np.inf), field.height(xy), field.geom)
         if self._triangle_cells is not None:
-            add(*self._surface_extents(xy))
+            rows, bottoms, tops, ids = self._surface_extents(xy)
+            add(rows, bottoms, tops, ids)
         for plane in self.planes:
-            add(every, *self._plane_extents(plane, xy), plane)
+            bottoms, tops = self._plane_extents(plane, xy)
+            add(every, bottoms, tops, plane)
         if self._solid_cells is not None:
-            for hits in self._solid_extents(xy):
-                add(*hits)
+            for rows, bottoms, tops, ids in self._solid_extents(xy):
+                add(rows, bottoms, tops, ids)
         return _side_by_side(len(xy), row, low, high, geom)
 
     def highest(self, centre: Array, extent: Array, *, solids: bool = True) -> Array:
@@ -204,10 +201,11 @@ class Ground:
             return "plane"
         if kind == _Geom.mjGEOM_HFIELD:
             return "field" if self.matrix[geom][2, 2] > 1 - _FLAT else "surface"
-        if kind == _Geom.mjGEOM_MESH and not is_convex(
-            self.model, int(self.model.geom_dataid[geom])
-        ):
+        if kind == _Geom.mjGEOM_SDF:  # its mesh is what MuJoCo sampled it to
             return "surface"
+        if kind == _Geom.mjGEOM_MESH:
+            convex = is_convex(self.model, int(self.model.geom_dataid[geom]))
+            return "convex" if convex else "surface"
         return "convex"
 
     def _index_solids(self) -> None:
@@ -236,10 +234,10 @@ class Ground:
         point, which = point[~upright], which[~upright]
         for slot in np.unique(which):
             rows, geom = point[which == slot], self.convex[slot]
-            ends = vertical_extent(
+            low, high = vertical_extent(
                 self.solids[geom], self.position[geom], self.matrix[geom], xy[rows]
             )
-            yield rows, *ends, np.full(len(rows), geom)
+            yield rows, low, high, np.full(len(rows), geom)
 
     def _bound_surfaces(self) -> list[tuple[Array, Array]]:
         """Return the bounding boxes of open meshes and tilted heightfields, each (3,) and (3,)."""
@@ -252,10 +250,10 @@ class Ground:
     def _collect_triangles(self) -> tuple[Array, Index]:
         triangles, owners = [np.empty((0, 3, 3))], [np.empty(0, np.int64)]
         for geom in self.surfaces:
-            if self.model.geom_type[geom] == _Geom.mjGEOM_MESH:
-                vertex, face = mesh_arrays(self.model, int(self.model.geom_dataid[geom]))
-            else:
+            if self.model.geom_type[geom] == _Geom.mjGEOM_HFIELD:
                 vertex, face = self._field_mesh(geom)
+            else:
+                vertex, face = mesh_arrays(self.model, int(self.model.geom_dataid[geom]))
             world = vertex @ self.matrix[geom].T + self.position[geom]
             triangles.append(world[face])
             owners.append(np.full(len(face), geom))

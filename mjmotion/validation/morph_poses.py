@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.morph_body import MorphBody
+from mjmotion.validation.inputs import ChangingBody
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,9 @@ class BodyPoses:
     geom_matrix: Array
 
 
-def body_poses(body: MorphBody, qpos: Array, frames: NDArray[np.int64] | None = None) -> BodyPoses:
+def body_poses(
+    body: ChangingBody, qpos: Array, frames: NDArray[np.int64] | None = None
+) -> BodyPoses:
     """Return where sites and geoms are.
 
     Args:

@@ -13,7 +13,6 @@ The depth of a geom, by what it is in:
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -34,26 +33,42 @@ from mjmotion.validation.solids import (
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_SPACING = (0.01, 0.03)  # [m] finest and coarsest samples of a geom's skin
+_FINEST, _COARSEST = 0.01, 0.03  # [m] how far apart samples of a geom's skin are
 _NOISE = 1e-9  # [m] shallower than rounding
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Character:
+class CharacterGeoms:
     """The geoms of the character that collide.
 
     Attributes:
       model: the model.
-      geoms: (ngeom,) ids.
+      ids: (ngeom,) which of the model's geoms they are.
       solids: their shapes.
       foot: (ngeom,) whether each belongs to a foot.
     """
 
     model: mujoco.MjModel
-    geoms: Index
+    ids: Index
     solids: tuple[Solid, ...]
     foot: NDArray[np.bool_]
     _skins: dict[tuple[int, float], Skin] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, feet: tuple[int, ...]) -> CharacterGeoms:
+        """Return the geoms under the free root; if none of them collides, all of them.
+
+        Args:
+          model: the model.
+          feet: ids of the bodies that are feet.
+        """
+        endless = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+        mine = model.body_rootid[model.geom_bodyid] == int(model.jnt_bodyid[0])
+        mine &= ~np.isin(model.geom_type, endless)
+        solid = mine & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
+        ids = np.flatnonzero(solid if solid.any() else mine)
+        solids = tuple(solid_of(model, int(geom)) for geom in ids)
+        return cls(model, ids, solids, np.isin(model.geom_bodyid[ids], feet))
 
     def skin(self, i: int, spacing: float) -> Skin:
         """Return the skin of geom number ``i``, without what is inside another of its body.
@@ -62,14 +77,14 @@ class Character:
         """
         if (i, spacing) in self._skins:
             return self._skins[i, spacing]
-        model, geom = self.model, int(self.geoms[i])
+        model, geom = self.model, int(self.ids[i])
         # A rough field is deepest in a sole where its ridges cross the sole's outline.
         whole = skin(self.solids[i], spacing, spacing / 3 if self.foot[i] else None)
         hidden = np.zeros(len(whole.point), dtype=bool)
         turn, back = np.empty(9), np.empty(9)
         mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
         placed = whole.point @ turn.reshape(3, 3).T + model.geom_pos[geom]
-        for k, other in enumerate(self.geoms):
+        for k, other in enumerate(self.ids):
             if k != i and model.geom_bodyid[other] == model.geom_bodyid[geom]:
                 mujoco.mju_quat2Mat(back, model.geom_quat[other])
                 local = (placed - model.geom_pos[other]) @ back.reshape(3, 3)
@@ -78,29 +93,14 @@ class Character:
         return self._skins[i, spacing]
 
 
-@lru_cache(maxsize=8)
-def character_of(model: mujoco.MjModel, feet: tuple[int, ...]) -> Character:
-    """Return the geoms under the free root; if none of them collides, all of them."""
-    mine = model.body_rootid[model.geom_bodyid] == int(model.jnt_bodyid[0])
-    mine &= ~np.isin(model.geom_type, (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD))
-    solid = mine & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
-    geoms = np.flatnonzero(solid if solid.any() else mine)
-    return Character(
-        model,
-        geoms,
-        tuple(solid_of(model, int(geom)) for geom in geoms),
-        np.isin(model.geom_bodyid[geoms], feet),
-    )
-
-
 def penetration(
-    ground: Ground, character: Character, position: Array, matrix: Array
+    ground: Ground, geoms: CharacterGeoms, position: Array, matrix: Array
 ) -> tuple[Array, Index]:
     """Return how deep every geom is in the scene.
 
     Args:
       ground: the scene.
-      character: the geoms.
+      geoms: the character's geoms.
       position: (nframe, ngeom, 3) of the character's geoms [m].
       matrix: (nframe, ngeom, 3, 3).
 
@@ -111,11 +111,11 @@ def penetration(
     depth = np.zeros(position.shape[:2])
     other = np.full(position.shape[:2], -1)
     for plane in ground.planes:
-        _deepen(depth, other, _plane_depth(ground, plane, character, position, matrix), plane)
+        _deepen(depth, other, _plane_depth(ground, plane, geoms, position, matrix), plane)
     if ground.convex:
-        _add_convex(ground, character, position, matrix, depth, other)
+        _add_convex(ground, geoms, position, matrix, depth, other)
     if ground.fields or ground.surfaces:
-        _add_surfaces(ground, character, position, matrix, depth, other)
+        _add_surfaces(ground, geoms, position, matrix, depth, other)
     return depth, other
 
 
@@ -141,7 +141,7 @@ def world_boxes(
 
 
 def sole_points(
-    character: Character,
+    geoms: CharacterGeoms,
     i: int,
     position: Array,
     matrix: Array,
@@ -151,14 +151,14 @@ def sole_points(
     """Return world points (m, 3) on the underside of geom number ``i``, and the frame of each.
 
     Args:
-      character: the geoms.
+      geoms: the character's geoms.
       i: which one of them.
       position: (nframe, 3) where it is [m].
       matrix: (nframe, 3, 3) how it is turned.
       spacing: how far apart the points are about [m].
       top: (nframe,) only points below these heights are wanted [m].
     """
-    whole = character.skin(i, spacing)
+    whole = geoms.skin(i, spacing)
     height = matrix[:, 2] @ whole.point.T + position[:, 2, None]
     chosen = whole.facing_down(matrix)
     if top is not None:
@@ -175,7 +175,7 @@ def sole_points(
 def sample_spacing(ground: Ground) -> float:
     """Return how far apart to take points of a geom's skin [m]: as the finest field's own."""
     finest = [float(field.spacing.min()) for field in ground.fields]
-    return float(np.clip(min(finest, default=_SPACING[1]), *_SPACING))
+    return float(np.clip(min(finest, default=_COARSEST), _FINEST, _COARSEST))
 
 
 def _deepen(depth: Array, other: Index, new: Array, geom: int | Index) -> None:
@@ -185,21 +185,21 @@ def _deepen(depth: Array, other: Index, new: Array, geom: int | Index) -> None:
 
 
 def _plane_depth(
-    ground: Ground, plane: int, character: Character, position: Array, matrix: Array
+    ground: Ground, plane: int, geoms: CharacterGeoms, position: Array, matrix: Array
 ) -> Array:
     normal = ground.matrix[plane][:, 2]
     distance = (position - ground.position[plane]) @ normal
-    near = distance < ground.model.geom_rbound[character.geoms]
+    near = distance < ground.model.geom_rbound[geoms.ids]
     for i in np.flatnonzero(near.any(axis=0)):
         frames = np.flatnonzero(near[:, i])
         toward = np.einsum("fji,j->fi", matrix[frames, i], -normal)
-        distance[frames, i] -= reach(character.solids[i], toward)
+        distance[frames, i] -= reach(geoms.solids[i], toward)
     return np.maximum(-distance, 0.0)
 
 
 def _add_convex(
     ground: Ground,
-    character: Character,
+    geoms: CharacterGeoms,
     position: Array,
     matrix: Array,
     depth: Array,
@@ -207,19 +207,19 @@ def _add_convex(
 ) -> None:
     """Boxes and their like: prune by bounding boxes, all frames at once, then measure each pair."""
     model = ground.model
-    frame, geom, solid = _close_pairs(ground, character, position, matrix)
+    frame, geom, solid = _close_pairs(ground, geoms, position, matrix)
     if len(frame) == 0:
         return
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)  # places the static geoms; the others are set below
     xpos, xmat = data.geom_xpos, data.geom_xmat
-    flat = matrix.reshape(*matrix.shape[:2], 9)
-    mine, theirs = character.geoms.tolist(), np.array(ground.convex)[solid].tolist()
+    flat = matrix.reshape(len(matrix), -1, 9)
+    mine, theirs = geoms.ids.tolist(), np.array(ground.convex)[solid].tolist()
     gap = np.empty(len(frame))
     last = -1
     for k, (f, i, static) in enumerate(zip(frame.tolist(), geom.tolist(), theirs, strict=True)):
         if f != last:
-            xpos[character.geoms], xmat[character.geoms] = position[f], flat[f]
+            xpos[geoms.ids], xmat[geoms.ids] = position[f], flat[f]
             last = f
         gap[k] = mujoco.mj_geomDistance(model, data, mine[i], static, 0.0, None)
     order = np.argsort(-gap, kind="stable")
@@ -232,14 +232,14 @@ def _add_convex(
 
 
 def _close_pairs(
-    ground: Ground, character: Character, position: Array, matrix: Array
+    ground: Ground, geoms: CharacterGeoms, position: Array, matrix: Array
 ) -> tuple[Index, Index, Index]:
     """Return frame, geom and static solid of all pairs whose bounding boxes may touch.
 
     Three sieves, each on what the one before let through: a box around the whole character, each
     geom's bounding ball, and the six face axes of the two oriented boxes.
     """
-    model, ids, statics = ground.model, character.geoms, np.array(ground.convex)
+    model, ids, statics = ground.model, geoms.ids, np.array(ground.convex)
     size = model.geom_rbound[ids]
     low = (position - size[:, None]).min(axis=1)
     high = (position + size[:, None]).max(axis=1)
@@ -274,17 +274,17 @@ def _close_pairs(
 
 def _add_surfaces(
     ground: Ground,
-    character: Character,
+    geoms: CharacterGeoms,
     position: Array,
     matrix: Array,
     depth: Array,
     other: Index,
 ) -> None:
     spacing, highest = sample_spacing(ground), ground.surface_top
-    size = ground.model.geom_rbound[character.geoms]
+    size = ground.model.geom_rbound[geoms.ids]
     geom, frame = np.nonzero((position[:, :, 2] - size < highest).T)
     centre, extent = world_boxes(
-        ground.model, character.geoms[geom], position[frame, geom], matrix[frame, geom]
+        ground.model, geoms.ids[geom], position[frame, geom], matrix[frame, geom]
     )
     top = ground.highest(centre, extent, solids=False)
     low = centre[:, 2] - extent[:, 2] < top
@@ -294,9 +294,7 @@ def _add_surfaces(
     for i in np.unique(geom).tolist():
         mine = geom == i
         near[i] = frames = frame[mine]
-        xyz, row = sole_points(
-            character, i, position[frames, i], matrix[frames, i], spacing, top[mine]
-        )
+        xyz, row = sole_points(geoms, i, position[frames, i], matrix[frames, i], spacing, top[mine])
         points.append(xyz)
         owners.append(np.stack((frames[row], np.full(len(row), i)), axis=1))
     if not points:
@@ -305,14 +303,14 @@ def _add_surfaces(
     deep, against = ground.depth_in_surfaces(xyz)
     _deepest(depth, other, owner, deep, against)
     for field in ground.fields:
-        for i in np.flatnonzero(character.foot).tolist():
+        for i in np.flatnonzero(geoms.foot).tolist():
             if i in near:
-                _add_grid_points(field, character, i, near[i], position, matrix, depth, other)
+                _add_grid_points(field, geoms, i, near[i], position, matrix, depth, other)
 
 
 def _add_grid_points(
     field: Field,
-    character: Character,
+    geoms: CharacterGeoms,
     i: int,
     frames: Index,
     position: Array,
@@ -322,7 +320,7 @@ def _add_grid_points(
 ) -> None:
     """Grid points of a field that poke into a foot between the samples of its sole."""
     pos, mat = position[frames, i], matrix[frames, i]
-    centre, extent = world_boxes(character.model, int(character.geoms[i]), pos, mat)
+    centre, extent = world_boxes(geoms.model, int(geoms.ids[i]), pos, mat)
     middle = field.on_grid(centre[:, :2])
     # The rectangle of grid points over the foot's own bounding rectangle, turned with the field.
     radius = extent[:, :2] @ np.abs(field.turn) / field.spacing
@@ -344,11 +342,11 @@ def _add_grid_points(
     xy = local @ field.turn.T + field.position[:2]
     frame, height, spare = frame[poking], height[poking], spare[poking]
     at = np.column_stack((xy, spare))
-    inside = above_underside(character.solids[i], pos[frame], mat[frame], at)
+    inside = above_underside(geoms.solids[i], pos[frame], mat[frame], at)
     frame, height, xy = frame[inside], height[inside], xy[inside]
     if len(frame) == 0:
         return
-    low, _ = vertical_extent(character.solids[i], pos[frame], mat[frame], xy)
+    low, _ = vertical_extent(geoms.solids[i], pos[frame], mat[frame], xy)
     deep = np.where(height > low, height - low, 0.0)
     owner = np.stack((frames[frame], np.full(len(frame), i)), axis=1)
     _deepest(depth, other, owner, deep, np.full(len(frame), field.geom))

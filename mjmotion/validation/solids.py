@@ -14,12 +14,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.validation.meshes import ROUNDING, convex_hull, face_planes
+
 Array = NDArray[np.float64]
 _Geom = mujoco.mjtGeom
 _ROUND = (_Geom.mjGEOM_SPHERE, _Geom.mjGEOM_ELLIPSOID)
 _TINY = 1e-12
 _SIEVE = 8  # faces that a quick look is at
-_ROUNDING = 1e-5  # of a geom's size: how far off its face a corner may be
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -41,48 +42,25 @@ class Solid:
     @cached_property
     def plane(self) -> Array:
         """(nplane, 4) outward normal and offset of each face of a box or hull."""
-        return _planes(self.face, self.vertex.mean(axis=0))
+        return face_planes(self.face, self.vertex.mean(axis=0))
 
 
 def solid_of(model: mujoco.MjModel, geom: int) -> Solid:
-    """Return the shape of a geom; a mesh is taken as its convex hull, as MuJoCo collides it."""
+    """Return the shape of a geom; a mesh is taken as its convex hull."""
     kind = int(model.geom_type[geom])
     size = np.array(model.geom_size[geom], dtype=np.float64)
-    none = np.empty((0, 3)), np.empty((0, 3, 3))
     if kind == _Geom.mjGEOM_SPHERE:
         size = np.full(3, size[0])
     if kind in (*_ROUND, _Geom.mjGEOM_CAPSULE, _Geom.mjGEOM_CYLINDER):
-        return Solid(kind, size, *none)
+        return Solid(kind, size, np.empty((0, 3)), np.empty((0, 3, 3)))
     if kind == _Geom.mjGEOM_BOX:
         points = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * size
         # Two triangles a side, by the corners' binary numbers.
         quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
         face = np.array([[q[0], q[i], q[i + 1]] for q in quads for i in (1, 2)])
     else:
-        points, face = _hull(model, int(model.geom_dataid[geom]))
+        points, face = convex_hull(model, int(model.geom_dataid[geom]))
     return Solid(kind, size, points, points[face])
-
-
-def mesh_arrays(model: mujoco.MjModel, mesh: int) -> tuple[Array, NDArray[np.int64]]:
-    """Return all vertices (n, 3) and faces (m, 3) of a compiled mesh."""
-    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-    vertex = np.array(model.mesh_vert[first : first + count], dtype=np.float64)
-    first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    return vertex, np.array(model.mesh_face[first : first + count], dtype=np.int64)
-
-
-def is_convex(model: mujoco.MjModel, mesh: int) -> bool:
-    """Whether a mesh fills its convex hull: no vertex or face centre lies inside the hull."""
-    vertex, face = mesh_arrays(model, mesh)
-    extent = float(np.ptp(vertex, axis=0).max())
-    if float(np.linalg.svd(vertex - vertex.mean(axis=0), compute_uv=False)[-1]) < 1e-9 * extent:
-        return False
-    points = np.concatenate((vertex, vertex[face].mean(axis=1)))
-    points = points[:: max(1, len(points) // 2000)]
-    hull, triangles = _hull(model, mesh)
-    plane = _planes(hull[triangles], hull.mean(axis=0))
-    inside = np.min(plane[:, 3] - points @ plane[:, :3].T, axis=1)
-    return bool(inside.max() < 1e-3 * extent)
 
 
 def vertical_extent(solid: Solid, position: Array, matrix: Array, xy: Array) -> tuple[Array, Array]:
@@ -203,7 +181,7 @@ def skin(solid: Solid, spacing: float, edge_spacing: float | None = None) -> Ski
         _, first = np.unique(cell @ np.array([1, 1 << 20, 1 << 40]), return_index=True)
         point = point[np.sort(first)]
         size = np.ptp(solid.vertex, axis=0).max()
-        member = solid.plane[:, 3] - point @ solid.plane[:, :3].T < _ROUNDING * size
+        member = solid.plane[:, 3] - point @ solid.plane[:, :3].T < ROUNDING * size
         # The normals of each point come first; where it has fewer than others, its first again.
         side = np.argsort(~member, axis=1, kind="stable")[:, : int(member.sum(axis=1).max())]
         side = np.where(np.take_along_axis(member, side, axis=1), side, side[:, :1])
@@ -250,45 +228,6 @@ def within(solid: Solid, points: Array, margin: float = 1e-6) -> NDArray[np.bool
     return np.asarray((across < radius - margin) & (along < -margin))
 
 
-def _hull(model: mujoco.MjModel, mesh: int) -> tuple[Array, NDArray[np.int64]]:
-    """Return vertices (n, 3) and faces (m, 3) of a mesh's convex hull."""
-    vertex, _ = mesh_arrays(model, mesh)
-    start = int(model.mesh_graphadr[mesh])
-    if start >= 0:  # the compiler's own hull, which collisions use
-        graph = model.mesh_graph[start:]
-        nvert, nface = int(graph[0]), int(graph[1])
-        used = np.asarray(graph[2 + nvert : 2 + 2 * nvert], dtype=np.int64)
-        first = 2 + 3 * nvert + 3 * nface
-        face = np.asarray(graph[first : first + 3 * nface], dtype=np.int64).reshape(-1, 3)
-    else:
-        from scipy.spatial import ConvexHull  # only meshes that MuJoCo never collides
-
-        hull = ConvexHull(vertex)
-        used, face = np.sort(hull.vertices), hull.simplices.astype(np.int64)
-    order = np.argsort(used)
-    return vertex[used[order]], np.searchsorted(used[order], face)
-
-
-def _planes(triangle: Array, centre: Array) -> Array:
-    """Return (n, 4) outward normals and offsets of faces; triangles of one face are merged."""
-    normal = np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
-    area = np.linalg.norm(normal, axis=1)
-    largest_first = np.argsort(-area, kind="stable")
-    largest_first = largest_first[area[largest_first] > 0]
-    triangle = triangle[largest_first]
-    normal = normal[largest_first] / area[largest_first, None]
-    offset = np.einsum("ni,ni->n", normal, triangle[:, 0])
-    outward = np.where(normal @ centre > offset, -1.0, 1.0)
-    normal, offset = normal * outward[:, None], offset * outward
-    # Vertices are single precision, so the triangles of a flat face are not quite in one plane.
-    size = np.ptp(triangle.reshape(-1, 3), axis=0).max()
-    same = normal @ normal.T > 0.99
-    for corner in range(3):
-        same &= np.abs(normal @ triangle[:, corner].T - offset[:, None]) < _ROUNDING * size
-    keep = same.argmax(axis=0) == np.arange(len(same))
-    return np.concatenate((normal, offset[:, None]), axis=1)[keep]
-
-
 def _clip(origin: Array, direction: Array, plane: Array) -> tuple[Array, Array]:
     """Return the part of lines ``origin + t direction`` (n, 3) behind all planes (m, 4)."""
     slope = direction @ plane[:, :3].T
@@ -325,8 +264,8 @@ def _on_edges(solid: Solid, spacing: float, sharp_spacing: float) -> Array:
     start, ahead = start[sign > 0], ahead[sign > 0]
     size = np.ptp(solid.vertex, axis=0).max()
     normal, offset = solid.plane[:, :3], solid.plane[:, 3]
-    on = np.abs(offset - start @ normal.T) < _ROUNDING * size
-    on &= np.abs(offset - (start + ahead) @ normal.T) < _ROUNDING * size
+    on = np.abs(offset - start @ normal.T) < ROUNDING * size
+    on &= np.abs(offset - (start + ahead) @ normal.T) < ROUNDING * size
     faces = on.sum(axis=1)
     real = faces >= 2  # the others cut a flat face in two
     start, ahead, on, faces = start[real], ahead[real], on[real], faces[real]
@@ -349,17 +288,17 @@ def _on_faces(solid: Solid, spacing: float) -> Array:
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     frame = np.stack((first, np.cross(normal, first)), axis=2)  # (nplane, 3, 2)
     flat = np.einsum("vi,kij->kvj", solid.vertex, frame)
-    mine = np.abs(offset[:, None] - normal @ solid.vertex.T) < _ROUNDING * size
+    mine = np.abs(offset[:, None] - normal @ solid.vertex.T) < ROUNDING * size
     low = np.where(mine[..., None], flat, np.inf).min(axis=1)
     extent = np.where(mine[..., None], flat, -np.inf).max(axis=1) - low
     points = [np.empty((0, 3))]
     for k in np.flatnonzero(extent.min(axis=1) > 2 * spacing):
         steps = np.ceil(extent[k] / spacing).astype(np.int64)
         axes = [low[k, i] + extent[k, i] * np.arange(1, steps[i]) / steps[i] for i in (0, 1)]
-        grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+        grid = np.stack(np.meshgrid(axes[0], axes[1]), axis=-1).reshape(-1, 2)
         place = grid @ frame[k].T + offset[k] * normal[k]
         room = offset - place @ normal.T
-        points.append(place[(room > -_ROUNDING * size).all(axis=1)])
+        points.append(place[(room > -ROUNDING * size).all(axis=1)])
     return np.concatenate(points)
 
 
