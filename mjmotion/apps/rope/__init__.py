@@ -5,7 +5,7 @@ climb.figures, climb.jerk_ratio, climb.broken()
 climb.save("out/rope", video=True)
 """
 
-from mjmotion.apps.rope.climb import RopeClimb, climb_rope
+from mjmotion.apps.rope.climb import climb_rope
 from mjmotion.apps.rope.measure import RopeFigures, measure
 from mjmotion.apps.rope.points import RopePoints, rope_points
 from mjmotion.apps.rope.result import RopeClimb, render_climb, write_climb
