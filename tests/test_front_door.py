@@ -153,11 +153,12 @@ def test_levels_mean_the_same_everywhere() -> None:
 
 
 def test_progress_is_one_type_everywhere() -> None:
+    taller = make_character("humanoid", Proportions(legs=1.1))
     for run in (
         lambda told: adapt(short(), "flat", progress=told),
         lambda told: retarget(short(), "climber", progress=told),
         lambda told: join(["straight", "stop"], progress=told),
-        lambda told: morph(short(), [(80, make_character("humanoid", Proportions(legs=1.1)))], progress=told),
+        lambda told: morph(short(), [(80, taller)], progress=told),
     ):
         seen: list[tuple[str, int, int]] = []
         run(lambda *told, seen=seen: seen.append(told))
