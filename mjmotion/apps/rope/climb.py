@@ -30,7 +30,7 @@ from mjmotion.clips.climb_grip import find_grips
 from mjmotion.clips.climb_plan import plan_holds
 from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import ConstraintError, ModelError
-from mjmotion.fitting import fit
+from mjmotion.fitting import TOLERANCE, fit
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.scene import Scene, compose, rope, without_scene
@@ -92,6 +92,7 @@ def climb_rope(
     length: float | None = None,
     edge: float = EDGE,
     levels: Sequence[float] | None = None,
+    tolerance: float = TOLERANCE,
     ik: str | IKSolver = "hybrid",
     progress: Progress = no_progress,
 ) -> RopeClimb:
@@ -102,7 +103,8 @@ def climb_rope(
       beam: height that the rope hangs from [m].
       length: of the rope [m]; down to 0.3 m over the floor without.
       edge: distance of the points that the rope is made of [m], about.
-      levels: frames a knot, coarse to fine.
+      levels: frames a knot of each level, coarse to fine.
+      tolerance: refinement stops once no constraint is off by more [m].
       ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
       progress: called with stage, done, of.
 
@@ -124,7 +126,9 @@ def climb_rope(
     plan = plan_climb(other)
     original, guess, constraints = plan.original, plan.guess, plan.constraints
     progress("fitting", 0, 0)
-    fitted = fit(guess, constraints, levels=levels, ik=ik, first_guess=plan.shift)
+    fitted = fit(
+        guess, constraints, levels=levels, tolerance=tolerance, ik=ik, first_guess=plan.shift
+    )
     motions = []
     for number, motion in enumerate((original, fitted.motion)):
         progress(f"simulating the rope of the {(ORIGINAL, other.name)[number]}", 0, 0)
