@@ -116,8 +116,7 @@ def climb_rope(
     """
     other = Character.of(character)
     progress("hanging up the ropes", 0, 0)
-    length = beam - _END if length is None else length
-    scene = Scene.from_spec(rope(beam=beam, length=length, edge=edge), "rope")
+    scene = Scene.from_spec(rope(beam=beam, length=length or beam - _END, edge=edge), "rope")
     holds, contacts = plan_holds(), climb_contacts()
     climbers = [compose(which, scene) for which in (ORIGINAL, other)]
     line = rope_points(climbers[0].model)
@@ -130,10 +129,9 @@ def climb_rope(
         guess, constraints, levels=levels, tolerance=tolerance, ik=ik, first_guess=plan.shift
     )
     motions = []
-    for number, motion in enumerate((original, fitted.motion)):
-        progress(f"simulating the rope of the {(ORIGINAL, other.name)[number]}", 0, 0)
-        poses = simulate(climbers[number].spec, motion, holds)
-        motions.append(Motion(climbers[number], poses, motion.fps))
+    for climber, motion in zip(climbers, (original, fitted.motion), strict=True):
+        progress(f"simulating the rope of the {climber.name}", 0, 0)
+        motions.append(Motion(climber, simulate(climber.spec, motion, holds), motion.fps))
     progress("measuring", 0, 0)
     return RopeClimb(
         character=other.name,
