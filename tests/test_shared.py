@@ -34,7 +34,7 @@ from mjmotion.exceptions import ConstraintError, ModelError
 from mjmotion.fitting import Fit, fit
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.solver import default_rigidity
+from mjmotion.ik.solver import Deviation, default_rigidity
 from mjmotion.numerics.rotations import conjugate, exp, log, multiply, to_matrix, yaw_quat
 from mjmotion.numerics.tangent import ominus, oplus
 
@@ -376,13 +376,12 @@ def test_sensitivity_counts_what_there_is_already(case: str, solver: type) -> No
     targets = near_targets(model, qpos, sites, kind)
     whole = NumericIK(model, iterations=15)
     half = 0.5 * whole.prepare(targets).solve(qpos).displacement
-    mine = solver(model).prepare(targets).sensitivity(oplus(model, qpos, half), deviation=half)
+    problem, moved = solver(model).prepare(targets), oplus(model, qpos, half)
+    mine = problem.sensitivity(moved, Deviation(half, np.ones(4, dtype=bool)))
     wanted = NumericIK(model).prepare(targets).sensitivity(qpos)
     scale = np.abs(wanted.gradient).max()
     assert np.abs(mine.gradient - wanted.gradient).max() < 0.05 * scale
-    nothing = (
-        solver(model).prepare(targets).sensitivity(qpos, deviation=np.full((4, model.nv), np.nan))
-    )
+    nothing = problem.sensitivity(qpos, Deviation(np.zeros_like(half), np.zeros(4, dtype=bool)))
     np.testing.assert_allclose(nothing.gradient, wanted.gradient, atol=0.03 * scale)
 
 
@@ -395,7 +394,7 @@ def test_what_is_deviated_already_is_kept_least() -> None:
         once = NumericIK(model, iterations=15).prepare(targets).solve(qpos).displacement
         astray = oplus(model, qpos, 0.002 * rng.normal(size=(4, model.nv)) * (once != 0.0))
         for _ in range(3):
-            deviation = ominus(model, astray, qpos)
+            deviation = Deviation(ominus(model, astray, qpos), np.ones(4, dtype=bool))
             step = solver.prepare(targets).solve(astray, deviation=deviation).displacement
             astray = oplus(model, astray, step)
         np.testing.assert_allclose(ominus(model, astray, qpos), once, atol=3e-4)
