@@ -11,7 +11,7 @@ import numpy as np
 from mjmotion.body.assets import find_asset
 from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
-from mjmotion.constraints import SiteConstraint
+from mjmotion.constraints import Constraint, SiteConstraint
 
 T = TypeVar("T")
 
@@ -90,6 +90,12 @@ def some(value: T | None) -> T:
     return value
 
 
+def of_site(constraint: Constraint) -> SiteConstraint:
+    """A constraint of one site in the world, where the types say that it may be another kind."""
+    assert isinstance(constraint, SiteConstraint)
+    return constraint
+
+
 def pin(
     model: mujoco.MjModel, qpos: np.ndarray, site: str, shift: object = 0.0, **options: object
 ) -> SiteConstraint:
@@ -138,7 +144,7 @@ def walk(seconds: float = 3.0, fps: float = 30.0) -> Motion:
         out = 0.15 if side == "left" else -0.15
         turn = np.column_stack((np.full_like(swing, out), swing, np.zeros_like(swing)))
         for row, vector in zip(qpos, turn, strict=True):
-            angle = float(np.linalg.norm(vector))
-            mujoco.mju_axisAngle2Quat(row[at : at + 4], vector / angle, angle)
+            size = float(np.linalg.norm(vector))
+            mujoco.mju_axisAngle2Quat(row[at : at + 4], vector / size, size)
         qpos[:, model.joint(f"{side}_elbow").qposadr[0]] = 0.3
     return Motion(model, qpos, fps)
