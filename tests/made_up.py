@@ -8,7 +8,6 @@ from typing import TypeVar
 import mujoco
 import numpy as np
 
-from mjmotion.body.assets import find_asset
 from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import Constraint, SiteConstraint
@@ -42,8 +41,13 @@ STEP_LENGTH, STEP_HEIGHT, CROUCH = 0.26, 0.06, 0.05  # [m]
 
 
 @functools.cache
+def character() -> Character:
+    """The humanoid, with what it was compiled from: it can be put into scenes."""
+    return Character.load("humanoid")
+
+
 def humanoid() -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_path(str(find_asset("model", "humanoid")))
+    return character().model
 
 
 @functools.cache
@@ -147,4 +151,4 @@ def walk(seconds: float = 3.0, fps: float = 30.0) -> Motion:
             size = float(np.linalg.norm(vector))
             mujoco.mju_axisAngle2Quat(row[at : at + 4], vector / size, size)
         qpos[:, model.joint(f"{side}_elbow").qposadr[0]] = 0.3
-    return Motion(model, qpos, fps)
+    return Motion(character(), qpos, fps)
