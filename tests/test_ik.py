@@ -299,7 +299,7 @@ def test_arguments_stay_and_calls_do_not_remember(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(SOLVERS))
 def test_problems_of_one_solver_are_independent(name: str) -> None:
     """Two are prepared before either is solved: each holds its own targets, none the other's."""
-    model, qpos = humanoid(), poses(humanoid(), 2, 11)
+    model, qpos = humanoid(), poses(humanoid(), 1, 11)
     targets, other = moved_feet(qpos, 12, 0.01), moved_feet(qpos, 13, 0.02)
     solver = rough(name)
     one, two = solver.prepare(targets), solver.prepare(other)
@@ -316,9 +316,9 @@ def test_problems_of_one_solver_are_independent(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(SOLVERS))
 def test_an_array_changed_in_place_between_two_solves_is_seen(name: str) -> None:
     """Nothing is remembered by which array it came in."""
-    model, qpos = humanoid(), poses(humanoid(), 2, 11)
+    model, qpos = humanoid(), poses(humanoid(), 1, 11)
     targets, rng = moved_feet(qpos, 12, 0.01), np.random.default_rng(36)
-    later = oplus(model, qpos, 0.02 * rng.normal(size=(2, model.nv)))
+    later = oplus(model, qpos, 0.02 * rng.normal(size=(1, model.nv)))
     problem, given = rough(name).prepare(targets), qpos.copy()
     for call in (problem.solve, problem.enforce):
         given[:] = qpos

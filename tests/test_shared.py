@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -336,7 +337,7 @@ def least_cost(model: mujoco.MjModel, qpos: np.ndarray, targets: Targets) -> np.
     return 0.5 * np.sum(default_rigidity(model) * found * found, axis=1)
 
 
-CASES = {
+CASES: dict[str, tuple[Callable[[], mujoco.MjModel], tuple[str, ...], str]] = {
     "feet": (humanoid, FEET, "both"),
     "feet and a hand": (humanoid, (*FEET, "left_hand"), "both"),
     "places alone": (humanoid, FEET, "place"),
