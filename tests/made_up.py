@@ -8,7 +8,6 @@ from typing import TypeVar
 import mujoco
 import numpy as np
 
-from mjmotion.body.assets import find_asset
 from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
@@ -42,8 +41,14 @@ STEP_LENGTH, STEP_HEIGHT, CROUCH = 0.26, 0.06, 0.05  # [m]
 
 
 @functools.cache
+def person() -> Character:
+    """The humanoid with its MJCF, so that it can be put into scenes."""
+    return Character.load("humanoid")
+
+
+@functools.cache
 def humanoid() -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_path(str(find_asset("model", "humanoid")))
+    return person().model
 
 
 @functools.cache
@@ -138,7 +143,7 @@ def walk(seconds: float = 3.0, fps: float = 30.0) -> Motion:
         out = 0.15 if side == "left" else -0.15
         turn = np.column_stack((np.full_like(swing, out), swing, np.zeros_like(swing)))
         for row, vector in zip(qpos, turn, strict=True):
-            angle = float(np.linalg.norm(vector))
-            mujoco.mju_axisAngle2Quat(row[at : at + 4], vector / angle, angle)
+            size = float(np.linalg.norm(vector))
+            mujoco.mju_axisAngle2Quat(row[at : at + 4], vector / size, size)
         qpos[:, model.joint(f"{side}_elbow").qposadr[0]] = 0.3
-    return Motion(model, qpos, fps)
+    return Motion(person(), qpos, fps)
