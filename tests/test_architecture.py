@@ -113,11 +113,12 @@ def test_the_validation_is_independent() -> None:
         if module.split(".")[0] != "validation":
             continue
         for node in ast.walk(tree):
-            names: list[str] = []
             if isinstance(node, ast.Import):
                 names = [alias.name for alias in node.names]
             elif isinstance(node, ast.ImportFrom):
                 names = [f"{node.module}.{alias.name}" for alias in node.names]
+            else:
+                continue
             for name in names:
                 inside = name.startswith(("mjmotion.validation.", "mjmotion.exceptions."))
                 late = name == lazy.get(module.rpartition(".")[2]) and node not in tree.body

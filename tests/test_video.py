@@ -149,7 +149,7 @@ def side_by_side(gl: None, tmp_path_factory: pytest.TempPathFactory) -> SideBySi
     model = figure_on(hills)
     source = walk(model, nframe=96, fps=120.0)
     motion = source.replace(source.qpos + np.eye(model.nq)[2] * 0.3)
-    calls: list[tuple[int, int]] = []
+    calls: list[tuple[str, int, int]] = []
     path = render_video(
         folder / "walk.mp4",
         motion,
