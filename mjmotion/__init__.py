@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from mjmotion.apps.retarget.moving import retarget
     from mjmotion.apps.rope.climb import climb_rope
     from mjmotion.apps.transition.join import join, transition
+    from mjmotion.body.character import Character
     from mjmotion.body.motion import Motion
     from mjmotion.body.proportions import Proportions, make_character
     from mjmotion.clips import load_clip
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _MODULES = {
+    "Character": "body.character",
     "Contact": "footsteps.contacts",
     "LookAt": "constraints",
     "Motion": "body.motion",
@@ -78,6 +80,7 @@ _MODULES = {
 }
 
 __all__ = [
+    "Character",
     "Contact",
     "LookAt",
     "Motion",

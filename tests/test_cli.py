@@ -179,7 +179,8 @@ def test_a_constraint_of_the_user_s_that_is_not_met_is_exit_1(walk: Path, tmp_pa
     assert "threshold broken" not in done.stderr
     report = json.loads((tmp_path / "with" / "report.json").read_text("utf-8"))
     (missed,) = report["unmet"]
-    assert missed["own"] and missed["frames"] == [40, 41, 42, 43] and missed["residual_deg"] > 1
+    assert missed["source"] == "user" and missed["index"] == 0
+    assert missed["frames"] == [40, 41, 42, 43] and missed["residual_deg"] > 1
     assert "your own" in (tmp_path / "with" / "report.html").read_text("utf-8")
 
 

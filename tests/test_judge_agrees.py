@@ -15,7 +15,6 @@ import trimesh
 
 from mjmotion.footsteps.obstacles import convex_obstacles
 from mjmotion.scene import Scene, load_scene
-from mjmotion.scene import ground as fits
 from mjmotion.validation import ground as judges
 
 EXACT = 1e-6  # [m]
@@ -175,7 +174,7 @@ def from_above(place: Scene, seed: int = 1, count: int = 3000) -> tuple[np.ndarr
     height, geom = ground.heights(xyz)
     # The fit looks down from 1 m over a point, and sees from there what the judge had not seen.
     xyz[:, 2] = np.where(geom >= 0, height + ABOVE, xyz[:, 2])
-    found, _ = fits.Ground(place).under(xyz)
+    found, _ = place.ground.under(xyz)
     stood = np.isfinite(found)
     np.testing.assert_allclose(height[stood], found[stood], rtol=0.0, atol=EXACT)
     return found, ~stood & (geom >= 0)
@@ -224,6 +223,6 @@ def test_the_projects_own_scenes(name: str) -> None:
 )
 def test_known_heights(case: tuple[str, str], point: tuple[float, ...], height: float) -> None:
     place = scene(case)
-    found, _ = fits.Ground(place).under(np.array([point]))
+    found, _ = place.ground.under(np.array([point]))
     judged, _ = judges.Ground(place.model).heights(np.array([point]))
     assert (found[0], judged[0]) == pytest.approx((height, height), abs=EXACT)

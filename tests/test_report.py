@@ -13,6 +13,7 @@ import pytest
 from made_up import some
 
 from mjmotion.body.motion import Motion
+from mjmotion.constraints.unmet import Unmet
 from mjmotion.exceptions import MotionError, OutputError
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.output.reading import read_results
@@ -31,7 +32,7 @@ LEVELS = (
     {"level": 1, "frames_per_knot": 16.0, "seconds": 0.01, "max_error_percent": 4.5},
     {"level": 2, "frames_per_knot": 8.0, "seconds": 0.02, "max_error_percent": 0.7},
 )
-UNMET = ({"constraint": "left_toe <&> rail", "frames": [3, 4], "residual_mm": 12.5},)
+UNMET = (Unmet("left_toe <&> rail", (3, 4), 12.5).as_dict(),)
 
 
 def make(gap: float = 0.003, contacts: bool = True) -> Report:

@@ -16,11 +16,12 @@ from mjmotion import read_results, render_video, write_results
 from mjmotion.body.motion import Motion
 from mjmotion.cli.terminal import Bar
 from mjmotion.clips import load_clip
+from mjmotion.constraints.unmet import Unmet
 from mjmotion.exceptions import MotionError, OutputError, RenderError
-from mjmotion.fitting import LevelTrace, Trace, Unmet
+from mjmotion.fitting import LevelTrace, Trace
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.output.result import Result
-from mjmotion.scene import compose, load_scene
+from mjmotion.scene import compose
 from mjmotion.validation import validate
 
 FRAMES = 24
@@ -38,11 +39,11 @@ def sunk(result: Result, depth: float) -> Result:
 @pytest.fixture(scope="module")
 def result() -> Result:
     """The walk's first frames on a flat floor, as if a fit had left them as they were."""
-    spec = compose("humanoid", load_scene("flat"))
+    composed = compose("humanoid", "flat")
     walk = load_clip("walk")
-    motion = walk.replace(walk.qpos[:FRAMES]).on(spec.compile())
+    motion = walk.replace(walk.qpos[:FRAMES]).on(composed)
     trace = Trace((LevelTrace(1, 4.0, 0.02, 0.5),), 0.0634, 3.0, 0.25, 7)
-    return Result(motion, motion, (STANCE,), trace, (), spec, title="walk on <flat>")
+    return Result(motion, motion, (STANCE,), trace, (), title="walk on <flat>")
 
 
 @pytest.fixture
@@ -144,7 +145,7 @@ def test_what_is_saved_is_read_again(result: Result, tmp_path: Path) -> None:
     assert out == tmp_path / "deep" / "out"
     assert stages == [("measuring", 0, 0), ("report", 0, 0)]
     again = read_results(out)
-    assert isinstance(again, Result) and again.trace is None and again.spec is None
+    assert isinstance(again, Result) and again.trace is None
     assert np.array_equal(again.motion.qpos, result.motion.qpos)
     assert again.model is again.motion.model and again.contacts == (STANCE,)
     assert again.unmet == (UNMET,) and again.title == "walk on <flat>"
@@ -158,10 +159,12 @@ def test_what_is_saved_is_read_again(result: Result, tmp_path: Path) -> None:
 def test_orientations_that_were_not_met_are_not_lost(result: Result, tmp_path: Path) -> None:
     out = result.save(tmp_path / "out")
     saved = json.loads((out / "report.json").read_text("utf-8"))
-    turned = {"constraint": "orientation of head", "frames": [5], "residual_deg": 4.0, "own": True}
+    turned = {"constraint": "orientation of head", "frames": [5], "residual_deg": 4.0}
+    turned |= {"residual_mm": None, "index": 0, "source": "user"}
     (out / "report.json").write_text(json.dumps({**saved, "unmet": [turned]}), "utf-8")
     again = read_results(out)
-    assert again.unmet == () and "1 unmet" in repr(again)
+    assert again.unmet == (Unmet("orientation of head", (5,), None, 4.0),)
+    assert "1 unmet" in repr(again)
     assert again.report().unmet == (turned,)
     assert "4.0°" in again._repr_html_()
 
@@ -197,13 +200,12 @@ def test_saving_replaces_only_by_force(result: Result, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_gl")
-def test_a_result_that_was_read_says_that_it_cannot_be_saved(
-    result: Result, tmp_path: Path
-) -> None:
-    again = read_results(result.save(tmp_path / "out"))
-    with pytest.raises(OutputError, match="copy its folder"):
-        again.save(tmp_path / "copy")
-    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+def test_a_result_that_was_read_is_saved_again(result: Result, tmp_path: Path) -> None:
+    out = result.save(tmp_path / "out")
+    copy = read_results(out).save(tmp_path / "copy")
+    assert np.array_equal(read_results(copy).motion.qpos, result.motion.qpos)
+    first, second = (json.loads((at / "report.json").read_text("utf-8")) for at in (out, copy))
+    assert first == second and first["levels"] and first["fit_seconds"] == 0.0634
 
 
 @pytest.mark.parametrize(

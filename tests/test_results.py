@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmotion.body.assets import find_asset
 from mjmotion.body.character import Character
 from mjmotion.body.kinematics import character_geoms
 from mjmotion.clips import load_clip
@@ -17,7 +16,7 @@ from mjmotion.fitting import Trace
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.output.reading import read_motion
 from mjmotion.output.result import Result, write_motions
-from mjmotion.scene import compose, load_scene, with_ground
+from mjmotion.scene import compose, with_ground
 
 FRAMES = 12
 
@@ -26,30 +25,32 @@ FRAMES = 12
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A result folder of the walk's first frames on stairs."""
     path = tmp_path_factory.mktemp("result")
-    spec = compose("humanoid", load_scene("stairs"))
+    composed = compose("humanoid", "stairs")
     walk = load_clip("walk")
-    motion = walk.replace(walk.qpos[:FRAMES]).on(spec.compile())
+    motion = walk.replace(walk.qpos[:FRAMES]).on(composed)
     trace = Trace((), 0.0, 0.0, 0.0, 0)
     contacts = (Contact("left_heel", 2, 9),)
-    write_motions(path, Result(motion, motion, contacts, trace, (), spec))
+    write_motions(path, Result(motion, motion, contacts, trace, ()))
     return path
 
 
 def test_a_name_and_a_file_are_the_same_motion(tmp_path: Path) -> None:
     named = read_motion("walk")
     named.motion.save(tmp_path / "walk.npz")
-    motion, contacts, character = read_motion(tmp_path / "walk.npz", "humanoid")
+    motion, contacts = read_motion(tmp_path / "walk.npz", "humanoid")
     assert np.array_equal(motion.qpos, named.motion.qpos)
     assert contacts is None and named.contacts is None
-    assert character == named.character == find_asset("model", "humanoid")
+    assert motion.character.name == named.motion.character.name == "humanoid"
+    assert not motion.character.different_from(named.motion.character)
     assert read_motion("walk", fps=60).motion.fps == 60
 
 
 def test_a_folder_brings_its_contacts_and_its_model(folder: Path) -> None:
-    motion, contacts, character = read_motion(folder)
+    motion, contacts = read_motion(folder)
     assert motion.nframe == FRAMES
     assert contacts == (Contact("left_heel", 2, 9),)
-    assert Character.of(character).model.ngeom == motion.model.ngeom
+    assert motion.character.has_spec and not motion.character.alone
+    assert motion.model.ngeom == Character.load(folder / "model.xml").model.ngeom
 
 
 def test_what_is_no_motion_is_refused(folder: Path, tmp_path: Path) -> None:

@@ -264,6 +264,22 @@ def site_positions(
     )
 
 
+def site_orientations(
+    model: mujoco.MjModel, qpos: Array, sites: NDArray[np.int64], bones: Bones | None = None
+) -> Array:
+    """Return the world orientations (n, s, 4) wxyz of a few sites; see :func:`site_positions`."""
+    bones = Bones.of(model) if bones is None else bones
+    bodies = set(model.site_bodyid[sites].tolist())
+    turns = {body: body_pose(model, qpos, body, bones)[1] for body in bodies}
+    return np.stack(
+        [
+            multiply(turns[int(model.site_bodyid[site])], model.site_quat[site][None])
+            for site in sites
+        ],
+        axis=1,
+    )
+
+
 class Kinematics:
     """Forward kinematics of ``nframe`` frames of one model, on all cores.
 

@@ -25,8 +25,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit the climb, simulate both ropes, measure, and write everything into a folder."""
-    from mjmotion.apps.rope.climb import ORIGINAL, climb_rope
-    from mjmotion.apps.rope.folder import write_climb
+    from mjmotion.apps.rope.climb import climb_rope
+    from mjmotion.apps.rope.result import ORIGINAL, write_climb
     from mjmotion.cli.terminal import Bar, level_lines, no_rendering, path_lines, say, warn
     from mjmotion.exceptions import RenderError
     from mjmotion.output.folder import check_output, result_folder

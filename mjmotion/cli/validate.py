@@ -19,7 +19,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure a result again, rewrite its report and print the figures."""
-    from mjmotion.apps.rope.folder import ORIGINAL_MOTION
+    from mjmotion.apps.rope.result import ORIGINAL_MOTION
     from mjmotion.cli.terminal import Bar, path_lines, say, tell_broken
     from mjmotion.exceptions import MotionError
     from mjmotion.output.reading import read_results

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.bones import Bones
-from mjmotion.body.kinematics import Kinematics, Pose, site_positions
+from mjmotion.body.kinematics import Kinematics, Pose, site_orientations, site_positions
 from mjmotion.body.motion import Motion
 from mjmotion.constraints.targets import LookAtTarget, RelativeTarget, Targets
 from mjmotion.constraints.types import Constraint, SiteConstraint
@@ -99,6 +99,7 @@ def find_unmet(
     constraints: Sequence[Constraint],
     bones: Bones | None = None,
     tolerance: float = UNMET,
+    gap: Array | None = None,
 ) -> tuple[Unmet, ...]:
     """Return the exact constraints that a motion does not meet, in their own order.
 
@@ -112,22 +113,24 @@ def find_unmet(
       constraints: what the targets were laid out from.
       bones: a body for each frame, where it changes.
       tolerance: residual from which a position counts as not met [m].
+      gap: :func:`residuals` of the two, if they are known already.
     """
     if len(targets.frames) == 0:
         return ()
-    pose = _pose_at(motion, targets, bones)
     off = _Off(targets.frames, constraints, tolerance)
     name = [motion.model.site(site).name for site in range(motion.model.nsite)]
-    gap = residuals(motion, targets, bones)
-    turn = _angle(pose.site_xmat[:, targets.sites], targets.matrix)
+    gap = residuals(motion, targets, bones) if gap is None else gap
     for column, site in enumerate(targets.sites):
+        index = targets.position_index[:, column]
         exact = targets.position_weight[:, column] == 1.0
-        off.add(
-            f"position of {name[site]}", targets.position_index[:, column], exact, gap[:, column]
-        )
+        off.add(f"position of {name[site]}", index, exact, gap[:, column])
+    for column, angle in _user_turns(motion, targets, constraints, bones):
+        index = targets.turn_index[:, column]
         exact = targets.turn_weight[:, column] == 1.0
-        label = f"orientation of {name[site]}"
-        off.add_turn(label, targets.turn_index[:, column], exact, turn[:, column])
+        off.add_turn(f"orientation of {name[targets.sites[column]]}", index, exact, angle)
+    if not (targets.relative or targets.look_at):
+        return tuple(sorted(off.found, key=lambda unmet: unmet.index))
+    pose = _pose_at(motion, targets, bones)
     for one in targets.relative:
         label = f"{name[one.site]} to {name[one.to]}"
         exact = one.position_weight == 1.0
@@ -139,6 +142,21 @@ def find_unmet(
         label = f"look-at of {name[look.site]}"
         off.add(label, look.index, look.weight == 1.0, _look_at_gap(pose, look))
     return tuple(sorted(off.found, key=lambda unmet: unmet.index))
+
+
+def _user_turns(
+    motion: Motion, targets: Targets, constraints: Sequence[Constraint], bones: Bones | None
+) -> list[tuple[int, Array]]:
+    """Return how far (n,) [rad] sites are from orientations of the user's, and their columns."""
+    mine = [index for index, one in enumerate(constraints) if one.source == "user"]
+    columns = np.flatnonzero(np.isin(targets.turn_index, mine).any(axis=0))
+    if len(columns) == 0:
+        return []
+    own = bones if bones is None else bones.at(targets.frames)
+    qpos = motion.qpos[targets.frames]
+    quat = site_orientations(motion.model, qpos, targets.sites[columns], own)
+    angle = _angle(to_matrix(quat), targets.matrix[:, columns])
+    return list(zip(columns.tolist(), angle.T, strict=True))
 
 
 @dataclasses.dataclass(eq=False)

@@ -46,7 +46,7 @@ Array = NDArray[np.float64]
 PASSES = 2  # times that Eq. 2 is applied at a level's knots: then to what the first time left
 
 
-def fit(  # more than eight parameters: the settings of the algorithm, all with a default
+def fit(  # long, and more than eight parameters: the settings are explained here, once
     motion: Motion,
     constraints: Sequence[Constraint],
     *,
@@ -100,7 +100,7 @@ def fit(  # more than eight parameters: the settings of the algorithm, all with 
     refinement, level = Refinement(levels, tolerance, exact), None
 
     def left(qpos: Array, targets: Targets) -> float:
-        return left_to_close(motion.replace(qpos), targets, clearance, bones)
+        return left_to_close(motion, qpos, targets, clearance, bones)
 
     while frames_per_knot := refinement.next(len(watch), partial(left, qpos, goal.targets)):
         watch.start()
@@ -119,18 +119,13 @@ def fit(  # more than eight parameters: the settings of the algorithm, all with 
     if exact and goal.targets.held.any():
         qpos, error = ExactPass(motion, goal.problem, goal.targets, levels[0], bones)(qpos)
     fitted = motion.replace(qpos if error is not None else character.within_limits(qpos))
-    worst = _worst(fitted, goal.targets, bones)
+    gap = residuals(fitted, goal.targets, bones)
+    relative = relational_residuals(fitted, goal.targets, bones)[:, : len(goal.targets.relative)]
+    worst = float(max(gap.max(initial=0.0), relative.max(initial=0.0)))
     trace = watch.trace(
-        worst if error is None or not exact else error,
+        worst if error is None else error,
         worst,
         sum(constraint.nscalar for constraint in constraints),
     )
-    unmet = find_unmet(fitted, goal.targets, constraints, bones)
+    unmet = find_unmet(fitted, goal.targets, constraints, bones, gap=gap)
     return Fit(fitted, trace, unmet, goal.moves, goal.targets)
-
-
-def _worst(motion: Motion, targets: Targets, bones: Bones | None) -> float:
-    """Return the largest error of places and relative places [m]."""
-    places = residuals(motion, targets, bones).max(initial=0.0)
-    relative = relational_residuals(motion, targets, bones)[:, : len(targets.relative)]
-    return float(max(places, relative.max(initial=0.0)))

@@ -101,16 +101,28 @@ class Refinement:
 
 
 def left_to_close(
-    motion: Motion, targets: Targets, clearance: Clearance | None, bones: Bones | None
+    motion: Motion,
+    qpos: Array,
+    targets: Targets,
+    clearance: Clearance | None,
+    bones: Bones | None,
 ) -> float:
-    """Return how far the exact pass would jump beside free frames, or a body is too near [m]."""
+    """Return how far the exact pass would jump next to free frames, or a body is too near [m].
+
+    Args:
+      motion: what is fitted.
+      qpos: (nframe, nq) its poses so far.
+      targets: what is to hold.
+      clearance: what to keep clear of.
+      bones: a body for each frame, where it changes.
+    """
     left = 0.0
     held = _held_columns(targets)
     if len(held) < motion.nframe or not held.all():
-        edge = _edge_residual(motion, targets, held, bones)
+        edge = _edge_residual(motion.replace(qpos), targets, held, bones)
         left = edge if edge > EDGE_RESIDUAL else 0.0
     if clearance is not None:
-        distance = clearance(motion.qpos, np.arange(motion.nframe)).distance
+        distance = clearance(qpos, np.arange(motion.nframe)).distance
         left = max(left, TOUCHING - float(distance.min(initial=TOUCHING)))
     return left
 

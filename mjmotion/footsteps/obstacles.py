@@ -105,8 +105,8 @@ def _fills_hull(model: mujoco.MjModel, geom: int) -> bool:
     if np.linalg.norm(across, axis=1).sum() / 2.0 < _COVERED * hull.area:
         return False
     # Triangles are struck off face by face of the hull: what is left at the end is inside it.
-    for *normal, offset in hull.equations:
-        on_face = (corners @ np.array(normal) + offset >= -_HOLLOW).all(axis=1)
+    for face in hull.equations:  # outward normal and offset
+        on_face = (corners @ face[:3] + face[3] >= -_HOLLOW).all(axis=1)
         corners = corners[~on_face]
         if len(corners) == 0:
             return True

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -70,8 +71,9 @@ def result_folder(out: str | Path, force: bool = False) -> Iterator[Path]:
     try:
         try:
             out.parent.mkdir(parents=True, exist_ok=True)
-            aside = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
-            aside.chmod(0o755)
+            # Named before it is made, so that a kill in between leaves nothing behind.
+            aside = out.parent / f".{out.name}-{secrets.token_hex(4)}"
+            aside.mkdir()
         except OSError as error:
             raise OutputError(
                 f"cannot write to '{out}': {error.strerror}: give another --out"

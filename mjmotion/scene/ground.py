@@ -79,6 +79,8 @@ def solid_model(model: mujoco.MjModel) -> mujoco.MjModel:
     moving = model.body_weldid[model.geom_bodyid] != 0
     ghost = (model.geom_contype == 0) & (model.geom_conaffinity == 0)
     hidden = moving | ghost
+    # MuJoCo collides with a plane wherever it ends in pictures, and its rays end there too.
+    solid.geom_size[solid.geom_type == mujoco.mjtGeom.mjGEOM_PLANE, :2] = 0.0
     solid.geom_matid[:] = -1
     solid.geom_rgba[:, 3] = np.where(hidden, 0.0, 1.0)
     return solid

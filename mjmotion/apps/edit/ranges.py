@@ -71,7 +71,8 @@ def _draw(axes: Axes, span: Span, size: np.ndarray) -> None:
     )
     axes.plot(frames, size, color=_CURVE, marker=".", markersize=4, label="deformation")
     axes.plot(
-        *(span.knots, np.zeros(len(span.knots))),
+        span.knots,
+        np.zeros(len(span.knots)),
         color=_KNOT,
         marker="|",
         markersize=14,

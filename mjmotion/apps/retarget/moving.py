@@ -131,37 +131,49 @@ def plan_retarget(
     if stride not in STRIDES:
         raise FitError(unknown_name("stride", stride, STRIDES))
     motion = place(motion, scene) if motion.character.alone else motion
-    found = (
-        detect_contacts(motion)
-        if contacts is None
-        else check_contacts(contacts, motion.model, motion.nframe)
+    copied = same_joints(motion.character, body)
+    guess = copy_joints(motion, body) if copied else map_bones(motion, body)
+    given = detect_contacts(motion) if contacts is None else contacts
+    found = check_contacts(
+        check_contacts(given, motion.model, motion.nframe), body.model, motion.nframe
     )
-    model = body.model
-    if same_joints(motion.character, body):
-        guess = copy_joints(motion, body)
-    else:
-        guess = map_bones(motion, body)
-    found = check_contacts(found, model, motion.nframe)
     if not found and not constraints:
         raise ContactError(
             "nothing to keep: no foot of the motion rests on any ground; give what stands or holds"
             " with a contacts file"
         )
-    soles = set(contact_sites(model))
-    standing = [contact for contact in found if contact.site in soles]
+    soles = set(contact_sites(body.model))
+    stands = [contact for contact in found if contact.site in soles]
     held = hold_constraints(motion, [contact for contact in found if contact.site not in soles])
-    check_span(model, held)
-    about = motion.qpos[0, :3] * (1.0, 1.0, 0.0)
-    scale = 1.0
-    if stride == "scale":
-        scale = leg_ratio(motion.character, body)
-    if not standing:
+    check_span(body.model, held)
+    if not stands:
         shift = held_shift(guess, [*held, *constraints])
         return Plan(guess, found, (), (), (), shift, ()), held
-    strides = Strides.find(motion, body, standing, about, scale)
+    about = motion.qpos[0, :3] * (1.0, 1.0, 0.0)
+    scale = leg_ratio(motion.character, body) if stride == "scale" else 1.0
+    strides = Strides.find(motion, body, stands, about, scale)
     guess = carry_root(motion, guess, about, scale, strides.support())
+    return _with_paths(guess, strides, scene, found, stands), held
+
+
+def _with_paths(
+    guess: Motion,
+    strides: Strides,
+    scene: Scene,
+    contacts: tuple[Contact, ...],
+    stands: Sequence[Contact],
+) -> Plan:
+    """Return the plan of a body whose feet go on their strides: heels rise, and the hips sink.
+
+    Args:
+      guess: the motion on the other body, its root carried over.
+      strides: where its feet are to be.
+      scene: where it is to be.
+      contacts: who stands or holds when.
+      stands: those of them that are heels' and toes'.
+    """
     placed = strides.place(guess, scene.ground, float(scene.start_pos[2]))
-    pose = Kinematics(model, guess.nframe).forward(guess.qpos)
+    pose = Kinematics(guess.model, guess.nframe).forward(guess.qpos)
     feet = strides.standing_feet
     legs, mean = Legs(guess, pose), mean_shift(guess, placed.moved)
     reach = legs.reach(feet, placed.paths, mean)
@@ -172,14 +184,14 @@ def plan_retarget(
 
     # What is lacking is shared: heels rise for one half, and the hips sink for what is left.
     half = sunk(placed.paths, 0.5)
-    paths = legs.roll_on(feet, placed.paths, half, standing, reach)
+    paths = legs.roll_on(feet, placed.paths, half, stands, reach)
     shift = sunk(paths)
-    relaxed, trimmed = relax_ankles(shifted(guess, shift), feet, paths, found)
+    relaxed, trimmed = relax_ankles(shifted(guess, shift), feet, paths, contacts)
     if relaxed != paths:
-        paths, found = relaxed, trimmed
+        paths, contacts = relaxed, trimmed
         shift = sunk(paths)
     obstacles = find_obstacles(scene.model, guess.qpos[:, :3] + shift, placed.footholds)
-    return Plan(guess, found, paths, strides.spots, placed.footholds, shift, obstacles), held
+    return Plan(guess, contacts, paths, strides.spots, placed.footholds, shift, obstacles)
 
 
 def _rigidity(character: Character, carried: bool) -> Array:

@@ -1,17 +1,14 @@
 """Climbing a rope (Figure 5c): fitted to another character, the rope simulated, both measured.
 
-    climb = climb_rope("climber")
-    climb.figures, climb.jerk_ratio, climb.broken()
-    with result_folder("out/rope") as folder:
-        write_climb(folder, climb)
-
-:func:`render_climb` makes the video of both bodies.
+climb = climb_rope("climber")
+climb.figures, climb.jerk_ratio, climb.broken()
+climb.save("out/rope", video=True)
 """
 
-from mjmotion.apps.rope.climb import RopeClimb, climb_rope
-from mjmotion.apps.rope.folder import render_climb, write_climb
+from mjmotion.apps.rope.climb import climb_rope
 from mjmotion.apps.rope.measure import RopeFigures, measure
 from mjmotion.apps.rope.points import RopePoints, rope_points
+from mjmotion.apps.rope.result import RopeClimb, render_climb, write_climb
 from mjmotion.apps.rope.simulate import simulate
 
 __all__ = [

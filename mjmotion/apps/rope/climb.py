@@ -19,19 +19,18 @@ from numpy.typing import NDArray
 from mjmotion.apps.retarget import held_shift
 from mjmotion.apps.retarget.grasps import check_span
 from mjmotion.apps.rope.grasps import places_along
-from mjmotion.apps.rope.measure import RopeFigures, measure
+from mjmotion.apps.rope.measure import measure
 from mjmotion.apps.rope.points import rope_points
+from mjmotion.apps.rope.result import ORIGINAL, RopeClimb
 from mjmotion.apps.rope.simulate import simulate
 from mjmotion.body.character import Character, CharacterLike, joint_names
 from mjmotion.body.motion import Motion
 from mjmotion.clips.climb import climb_constraints, climb_contacts, make_climb
 from mjmotion.clips.climb_grip import find_grips
-from mjmotion.clips.climb_plan import Hold, plan_holds
+from mjmotion.clips.climb_plan import plan_holds
 from mjmotion.constraints import SiteConstraint
-from mjmotion.constraints.unmet import Unmet
 from mjmotion.exceptions import ConstraintError, ModelError
-from mjmotion.fitting import Trace, fit
-from mjmotion.footsteps.contacts import Contact
+from mjmotion.fitting import fit
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.scene import Scene, compose, rope, without_scene
@@ -40,51 +39,7 @@ from mjmotion.validation.figures import joint_jerk_ratio
 
 Array = NDArray[np.float64]
 
-ORIGINAL = "humanoid"
-JERK_RATIO = 1.3  # the most that it should be
 _END = 0.3  # height of a rope's lower end, where its length is not given [m]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class RopeClimb:
-    """A climb, and the same on another character, each with its own simulated rope.
-
-    Attributes:
-      character: the other character's name.
-      original: the humanoid's climb, humanoid and rope in one model.
-      source: its joint angles on the other character, before the fit; the rope is the original's.
-      motion: the fitted climb, character and rope in one model.
-      holds: who holds what of the rope when.
-      contacts: the same as contacts.
-      constraints: position and orientation of the character's hands and feet.
-      trace: what the fit did.
-      unmet: constraints that could not be met.
-      original_figures, figures: what was measured of the humanoid, and of the character.
-      jerk_ratio: RMS joint jerk of the fitted climb over the original's.
-    """
-
-    character: str
-    original: Motion
-    source: Motion
-    motion: Motion
-    holds: tuple[Hold, ...]
-    contacts: tuple[Contact, ...]
-    constraints: tuple[SiteConstraint, ...]
-    trace: Trace
-    unmet: tuple[Unmet, ...]
-    original_figures: RopeFigures
-    figures: RopeFigures
-    jerk_ratio: float
-
-    def broken(self) -> list[str]:
-        """Return one line for every figure that is not what it should be."""
-        both = ((ORIGINAL, self.original_figures), (self.character, self.figures))
-        lines = [f"{name}: {line}" for name, figures in both for line in figures.broken()]
-        if self.jerk_ratio > JERK_RATIO:
-            lines.append(
-                f"{self.character}: jerk_ratio is {self.jerk_ratio:.3g}, wanted <= {JERK_RATIO:g}"
-            )
-        return lines
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -176,26 +131,27 @@ def climb_rope(
         poses = simulate(climbers[number].spec, motion, holds)
         motions.append(Motion(climbers[number], poses, motion.fps))
     progress("measuring", 0, 0)
-    figures = [
-        measure(motion, holds, find_grips(alone))
-        for motion, alone in zip(motions, (original.model, guess.model), strict=True)
-    ]
-    source = motions[0].qpos.copy()
-    source[:, : guess.model.nq] = guess.qpos
     return RopeClimb(
-        other.name,
-        motions[0],
-        Motion(climbers[1], source, guess.fps),
-        motions[1],
-        holds,
-        contacts,
-        constraints,
-        fitted.trace,
-        fitted.unmet,
-        figures[0],
-        figures[1],
-        joint_jerk_ratio(fitted.motion, (original,)),
+        character=other.name,
+        original=motions[0],
+        source=_with_rope(guess, motions),
+        motion=motions[1],
+        holds=holds,
+        contacts=contacts,
+        constraints=constraints,
+        trace=fitted.trace,
+        unmet=fitted.unmet,
+        original_figures=measure(motions[0], holds, find_grips(original.model)),
+        figures=measure(motions[1], holds, find_grips(guess.model)),
+        jerk_ratio=joint_jerk_ratio(fitted.motion, (original,)),
     )
+
+
+def _with_rope(guess: Motion, motions: Sequence[Motion]) -> Motion:
+    """Return the guess with a rope: its angles on the other character, the original's rope."""
+    qpos = motions[0].qpos.copy()
+    qpos[:, : guess.model.nq] = guess.qpos
+    return Motion(motions[1].character, qpos, guess.fps)
 
 
 def _alone(character: Character) -> Character:

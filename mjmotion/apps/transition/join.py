@@ -179,8 +179,9 @@ def _at_one_rate(clips: Sequence[Motion], contacts: Sequence[Contacts]) -> list[
 def _check_level(clip: Motion, number: int) -> None:
     """Raise ClipError where a clip comes with ground that is not one level plane."""
     model = clip.model
-    still = (model.body_weldid[model.geom_bodyid] == 0) & (model.geom_contype != 0)
-    if (still & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)).any():
+    still = model.body_weldid[model.geom_bodyid] == 0
+    solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    if (still & solid & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)).any():
         raise ClipError(
             f"clip {number} is on ground that is not level: join clips first and adapt them then"
         )

@@ -29,7 +29,7 @@ class ReportData:
       fit_seconds: how long the whole fit took; None where no fit is known.
       exact_error_percent: greatest error after the exact pass, percent of the character's height.
       unmet: a dict a constraint that was not met: constraint, frames, residual_mm or, of an
-        orientation, residual_deg, and own: whether the user asked for it.
+        orientation, residual_deg, index and source: the user or the scene.
       title: what the page is called.
       body: the character's size in every frame of the motion, where that changes.
     """

@@ -146,7 +146,7 @@ def _unmet(report: ReportData) -> str:
     for unmet in report.unmet:
         frames = list(unmet["frames"])
         shown = ", ".join(str(frame) for frame in frames[:8]) + (", …" if len(frames) > 8 else "")
-        whose = "your own" if unmet.get("own") else "the scene's"
+        whose = "your own" if unmet.get("source") == "user" else "the scene's"
         rows.append(
             f"<tr><td>{escape(str(unmet['constraint']))}</td><td>{whose}</td>"
             f"<td class='n'>{len(frames)}</td><td>{shown}</td>"

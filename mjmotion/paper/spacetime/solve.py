@@ -81,7 +81,7 @@ class Spacetime:
     converged: bool
 
 
-def solve_spacetime(
+def solve_spacetime(  # long, and more than eight parameters: the settings are explained here
     motion: Motion,
     constraints: Sequence[Constraint],
     *,

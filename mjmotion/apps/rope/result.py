@@ -1,7 +1,6 @@
-"""The output folder of a rope climb.
+"""A rope climb that was simulated and measured, and its output folder.
 
-    with result_folder("out/rope") as folder:
-        write_climb(folder, climb)
+    climb.save("out/rope", video=True)
 
 | file | what it holds |
 |---|---|
@@ -22,17 +21,118 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mjmotion.apps.rope.climb import ORIGINAL, RopeClimb
+from mjmotion.apps.rope.measure import RopeFigures
+from mjmotion.body.motion import Motion
+from mjmotion.clips.climb_plan import Hold
 from mjmotion.constraints import SiteConstraint
+from mjmotion.constraints.unmet import Unmet
 from mjmotion.exceptions import OutputError
-from mjmotion.footsteps.contacts import save_contacts
-from mjmotion.numerics.progress import Progress
-from mjmotion.output.folder import CONTACTS, MODEL, MOTION, REPORT, SOURCE, VIDEO
+from mjmotion.fitting import Trace
+from mjmotion.footsteps.contacts import Contact, save_contacts
+from mjmotion.numerics.progress import Progress, no_progress
+from mjmotion.output.folder import (
+    CONTACTS,
+    MODEL,
+    MOTION,
+    REPORT,
+    SOURCE,
+    VIDEO,
+    check_file,
+    result_folder,
+)
 from mjmotion.output.video.side_by_side import Grasp, render_side_by_side
 from mjmotion.scene import save_model
 
 ORIGINAL_MOTION, ORIGINAL_MODEL = "original.npz", "original.xml"
 CONSTRAINTS = "constraints.json"
+ORIGINAL = "humanoid"
+JERK_RATIO = 1.3  # the most that it should be
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class RopeClimb:
+    """A climb, and the same on another character, each with its own simulated rope.
+
+    Attributes:
+      character: the other character's name.
+      original: the humanoid's climb, humanoid and rope in one model.
+      source: its joint angles on the other character, before the fit; the rope is the original's.
+      motion: the fitted climb, character and rope in one model.
+      holds: who holds what of the rope when.
+      contacts: the same as contacts.
+      constraints: position and orientation of the character's hands and feet.
+      trace: what the fit did.
+      unmet: constraints that could not be met.
+      original_figures, figures: what was measured of the humanoid, and of the character.
+      jerk_ratio: RMS joint jerk of the fitted climb over the original's.
+    """
+
+    character: str
+    original: Motion
+    source: Motion
+    motion: Motion
+    holds: tuple[Hold, ...]
+    contacts: tuple[Contact, ...]
+    constraints: tuple[SiteConstraint, ...]
+    trace: Trace
+    unmet: tuple[Unmet, ...]
+    original_figures: RopeFigures
+    figures: RopeFigures
+    jerk_ratio: float
+
+    def broken(self) -> list[str]:
+        """Return one line for every figure that is not what it should be."""
+        both = ((ORIGINAL, self.original_figures), (self.character, self.figures))
+        lines = [f"{name}: {line}" for name, figures in both for line in figures.broken()]
+        if self.jerk_ratio > JERK_RATIO:
+            lines.append(
+                f"{self.character}: jerk_ratio is {self.jerk_ratio:.3g}, wanted <= {JERK_RATIO:g}"
+            )
+        return lines
+
+    def __repr__(self) -> str:
+        motion, broken = self.motion, len(self.broken())
+        figures = f"{broken} figures missed" if broken else "all figures reached"
+        return f"<RopeClimb of {self.character}: {motion.nframe} frames, {figures}>"
+
+    def save(
+        self,
+        folder: str | Path,
+        *,
+        video: bool = False,
+        force: bool = False,
+        progress: Progress = no_progress,
+    ) -> Path:
+        """Write everything of the climb into a folder, whole or not at all.
+
+        Args:
+          folder: where; it is made.
+          video: whether to render ``video.mp4`` too.
+          force: whether earlier results in ``folder`` are replaced.
+          progress: called with stage, done, of.
+
+        Raises:
+          OutputError: the folder holds something already or cannot be written.
+          RenderError: a video was asked for and there is no offscreen OpenGL.
+        """
+        with result_folder(folder, force) as aside:
+            write_climb(aside, self, video=video, progress=progress)
+        return Path(folder)
+
+    def render(self, file: str | Path, *, force: bool = False, **options: Any) -> Path:
+        """Render the humanoid's climb and the character's side by side, each with its own rope.
+
+        Args:
+          file: the ``.mp4`` file.
+          force: whether an existing file is replaced.
+          options: of :func:`render_climb`, such as ``width=640``.
+
+        Raises:
+          OutputError: the file exists and ``force`` was not given, or it cannot be written.
+          RenderError: no offscreen OpenGL.
+        """
+        check_file(file, force)
+        return render_climb(file, self, **options)
 
 
 def write_climb(
