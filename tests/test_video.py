@@ -53,7 +53,7 @@ FIGURE = """
 """
 
 
-SideBySide = tuple[Path, list[tuple[int, int]], dict[str, Any], list[np.ndarray]]
+SideBySide = tuple[Path, list[tuple[str, int, int]], dict[str, Any], list[np.ndarray]]
 
 
 def heights(x: np.ndarray, y: np.ndarray) -> np.ndarray:
