@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import command_line
 import mujoco
 import numpy as np
 import pytest
@@ -452,12 +453,7 @@ def test_a_spine_that_is_no_ball_is_refused() -> None:
 
 
 def run(*words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "mjmotion", "character", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    return command_line.run("character", *words)
 
 
 def test_the_command_offers_every_proportion() -> None:

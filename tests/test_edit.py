@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import functools
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import command_line
 import numpy as np
 import pytest
 from made_up import MIXED, humanoid, loop_quats, loop_sites, mixed, some, walk
@@ -297,12 +297,7 @@ def test_the_plot_shows_every_first_level(tmp_path: Path) -> None:
 
 
 def run(*words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "mjmotion", "edit-frame", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    return command_line.run("edit-frame", *words)
 
 
 @pytest.fixture(scope="module")

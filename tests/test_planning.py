@@ -5,13 +5,12 @@ from __future__ import annotations
 import functools
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from command_line import run
 from made_up import MIXED, humanoid, loop_sites, person, some, walk
 
 from mjmotion.apps.adaptation import adapt
@@ -237,15 +236,6 @@ def test_unknown_sites_are_named() -> None:
 
 
 # The command line
-
-
-def run(*words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "mjmotion", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
 
 
 @pytest.fixture(scope="module")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from functools import cache
 from pathlib import Path
 
+import command_line
 import mujoco
 import numpy as np
 import pytest
@@ -313,12 +313,7 @@ def test_a_motion_in_a_scene_stays_where_it_is() -> None:
 
 
 def run(*words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "mjmotion", "retarget", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    return command_line.run("retarget", *words)
 
 
 def test_the_command_writes_a_result_that_can_be_retargeted_again(tmp_path: Path) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import run
 from made_up import mixed, person, some
 
 from mjmotion.apps.adaptation import adapt
@@ -477,15 +476,6 @@ def test_a_clip_on_uneven_ground_is_refused(clips: Clips) -> None:
     model = compose("humanoid", load_scene("slope")).model
     with pytest.raises(ClipError, match="clip 2 is on ground that is not level"):
         join([clips[0], clips[1].on(model)])
-
-
-def run(*words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "mjmotion", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
 
 
 @pytest.fixture(scope="module")
