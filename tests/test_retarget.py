@@ -34,6 +34,7 @@ from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import ConstraintError, ContactError, FitError, ModelError
 from mjmotion.footsteps.contacts import Contact, detect_contacts
 from mjmotion.numerics.rotations import exp, log
+from mjmotion.output.result import Result
 from mjmotion.scene import compose, load_scene, scene_of
 from mjmotion.validation import validate
 
@@ -43,8 +44,24 @@ NEEDS_G1 = pytest.mark.skipif(not G1.is_file(), reason="needs ../shared/robots/u
 
 
 @cache
-def body(name: str) -> Character:
+def body(name: str | Path) -> Character:
     return Character.load(name)
+
+
+@cache
+def recorded(name: str) -> Motion:
+    return load_clip(MOCAP / f"{name}.bvh")
+
+
+@cache
+def robot() -> Character:
+    return with_soles(body(G1))
+
+
+@cache
+def stepped(to: str, stride: str) -> Result:
+    """The first steps of the walk on another body."""
+    return retarget(steps(), to, stride=stride)
 
 
 @cache
@@ -73,7 +90,7 @@ def standing(frames: int = 40) -> Motion:
 @pytest.mark.parametrize("stride", ["keep", "scale"])
 @pytest.mark.parametrize("to", ["climber", "child", "humanoid_flexible"])
 def test_steps_reach_every_figure_on_another_body(to: str, stride: str) -> None:
-    result = retarget(steps(), to, stride=stride)
+    result = stepped(to, stride)
     validation = validate(result.source, result.motion, result.contacts)
     assert validation.broken() == []
     assert validation.metrics["stance_drift_mm"] <= 1.0
@@ -86,7 +103,7 @@ def test_steps_reach_every_figure_on_another_body(to: str, stride: str) -> None:
 def test_recordings_reach_every_figure(clip: str, to: str, stride: str) -> None:
     if not MOCAP.is_dir():
         pytest.skip("needs ../shared/mocap")
-    result = retarget(load_clip(MOCAP / f"{clip}.bvh"), to, stride=stride)
+    result = retarget(recorded(clip), to, stride=stride)
     assert validate(result.source, result.motion, result.contacts).broken() == []
 
 
@@ -94,7 +111,7 @@ def test_recordings_reach_every_figure(clip: str, to: str, stride: str) -> None:
 def test_kept_strides_stand_where_they_stood(to: str) -> None:
     motion = steps()
     before = loop_sites(motion.model, motion.qpos)
-    result = retarget(motion, to)
+    result = stepped(to, "keep")
     after = loop_sites(result.motion.model, result.motion.qpos)
     for contact in result.contacts:
         side = contact.site.split("_")[0]
@@ -114,7 +131,7 @@ def test_kept_strides_stand_where_they_stood(to: str) -> None:
 def test_scaled_strides_are_as_much_longer_as_the_legs() -> None:
     motion = steps()
     for to in ("climber", "child"):
-        result = retarget(motion, to, stride="scale")
+        result = stepped(to, "scale")
         ratio = leg_ratio(motion.character, body(to))
         went, goes = (
             np.linalg.norm(m.qpos[-1, :2] - m.qpos[0, :2]) for m in (motion, result.motion)
@@ -122,7 +139,7 @@ def test_scaled_strides_are_as_much_longer_as_the_legs() -> None:
         assert goes == pytest.approx(ratio * went, rel=0.01)
         # Its joint angles fit the longer steps as they are: less is left to do than where feet
         # are to stand on the old spots.
-        kept = retarget(motion, to, stride="keep")
+        kept = stepped(to, "keep")
         first, others = (some(one.trace).first_error_percent for one in (result, kept))
         assert first < 0.7 * others
 
@@ -225,14 +242,13 @@ def test_joints_that_mean_something_else_are_not_copied() -> None:
 
 @NEEDS_G1
 def test_joints_of_another_make_are_not_copied() -> None:
-    model = mujoco.MjModel.from_xml_path(str(G1))
     with pytest.raises(ModelError, match="the motion has no joints left_hip_pitch_joint"):
-        copy_joints(standing(), model)
+        copy_joints(standing(), body(G1))
 
 
 @NEEDS_G1
 def test_steps_reach_every_figure_on_a_robot_of_hinges() -> None:
-    result = retarget(steps(), G1, stride="scale")
+    result = retarget(steps(), body(G1), stride="scale")
     validation = validate(result.source, result.motion, result.contacts)
     assert validation.broken() == []
 
@@ -240,7 +256,7 @@ def test_steps_reach_every_figure_on_a_robot_of_hinges() -> None:
 @NEEDS_G1
 def test_bones_point_where_the_motions_bones_point() -> None:
     motion = steps()
-    mapped = map_bones(motion, with_soles(Character.load(G1)))
+    mapped = map_bones(motion, robot())
     rests = RestBody(motion.character), RestBody(mapped.character)
     for limb in ("left_leg", "right_leg", "left_arm", "right_arm"):
         ways = []
@@ -257,24 +273,23 @@ def test_bones_point_where_the_motions_bones_point() -> None:
 
 @NEEDS_G1
 def test_which_way_a_body_faces_at_rest_does_not_matter() -> None:
-    robot = Character.load(G1)
-    turned = robot.spec.copy()
+    turned = body(G1).spec.copy()
     turned.body("pelvis").quat = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
-    motions = [map_bones(steps(), with_soles(one)) for one in (robot, Character.load(turned))]
+    motions = [map_bones(steps(), one) for one in (robot(), with_soles(Character.load(turned)))]
     np.testing.assert_allclose(RestBody(motions[1].character).forward, (0, 1, 0), atol=1e-9)
     np.testing.assert_allclose(motions[1].qpos, motions[0].qpos, atol=1e-9)
 
 
 @NEEDS_G1
 def test_a_robot_gets_sites_on_its_soles() -> None:
-    model = with_soles(Character.load(G1)).model
+    model = robot().model
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     heel, toe = data.site("left_heel").xpos, data.site("left_toe").xpos
     assert 0.15 < toe[0] - heel[0] < 0.25 and toe[2] == pytest.approx(heel[2], abs=1e-9)
     assert data.site("left_toe").xpos[1] == pytest.approx(-data.site("right_toe").xpos[1], abs=1e-3)
     # Those that are there stay: the robot's own left_foot, the humanoid's all.
-    assert model.nsite == mujoco.MjModel.from_xml_path(str(G1)).nsite + 4
+    assert model.nsite == body(G1).model.nsite + 4
     assert with_soles(body("humanoid")).spec.to_xml() == body("humanoid").spec.to_xml()
 
 
