@@ -10,7 +10,7 @@ import numpy as np
 
 from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
-from mjmotion.constraints import SiteConstraint
+from mjmotion.constraints import Constraint, SiteConstraint
 
 T = TypeVar("T")
 
@@ -41,14 +41,13 @@ STEP_LENGTH, STEP_HEIGHT, CROUCH = 0.26, 0.06, 0.05  # [m]
 
 
 @functools.cache
-def person() -> Character:
-    """The humanoid with its MJCF, so that it can be put into scenes."""
+def character() -> Character:
+    """The humanoid, with what it was compiled from: it can be put into scenes."""
     return Character.load("humanoid")
 
 
-@functools.cache
 def humanoid() -> mujoco.MjModel:
-    return person().model
+    return character().model
 
 
 @functools.cache
@@ -93,6 +92,12 @@ def some(value: T | None) -> T:
     """What is there, where the types say that it may be missing."""
     assert value is not None
     return value
+
+
+def of_site(constraint: Constraint) -> SiteConstraint:
+    """A constraint of one site in the world, where the types say that it may be another kind."""
+    assert isinstance(constraint, SiteConstraint)
+    return constraint
 
 
 def pin(
@@ -146,4 +151,4 @@ def walk(seconds: float = 3.0, fps: float = 30.0) -> Motion:
             size = float(np.linalg.norm(vector))
             mujoco.mju_axisAngle2Quat(row[at : at + 4], vector / size, size)
         qpos[:, model.joint(f"{side}_elbow").qposadr[0]] = 0.3
-    return Motion(person(), qpos, fps)
+    return Motion(character(), qpos, fps)

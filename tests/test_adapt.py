@@ -9,7 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from made_up import humanoid, loop_sites, person, some, walk
+from made_up import character, humanoid, loop_sites, some, walk
 
 from mjmotion.apps.adaptation import adapt, stiff_root
 from mjmotion.apps.edit import edit_frame
@@ -285,7 +285,7 @@ def test_the_plan_and_its_parts() -> None:
     assert stages == ["contacts and footholds", "clearances", "fit"]
     assert all(0 <= done <= of for _, done, of in told)
     assert [done for stage, done, _ in told if stage == "fit"][-1] > 0
-    stiffer = stiff_root(person()) / default_rigidity(humanoid())
+    stiffer = stiff_root(character()) / default_rigidity(humanoid())
     assert (stiffer[:6] > 1.0).all() and (stiffer[6:] == 1.0).all()
 
 
@@ -297,7 +297,7 @@ def test_arguments_stay() -> None:
     sizes = before.model.ngeom, there.model.ngeom
     again = adapt(before, there)
     np.testing.assert_array_equal(before.qpos, kept)
-    assert before.character is person() and before.character.alone
+    assert before.character is character() and before.character.alone
     assert [one.spec.to_xml() for one in (before.character, there)] == specs
     assert (before.model.ngeom, there.model.ngeom) == sizes
     np.testing.assert_array_equal(again.motion.qpos, adapted("slope").motion.qpos)
@@ -319,12 +319,12 @@ def test_a_motion_stays_on_the_body_it_is_on() -> None:
     steps = steps.replace(steps.qpos[:110])
     walk_on_tall = carried(steps, tall())
     result = adapt(walk_on_tall, "flat")
-    character = result.motion.character
-    assert character.different_from(tall()) == ""
-    assert character.different_from(person()) != ""
-    shank = character.model.body("left_shank").id
+    body = result.motion.character
+    assert body.different_from(tall()) == ""
+    assert body.different_from(character()) != ""
+    shank = body.model.body("left_shank").id
     np.testing.assert_allclose(
-        character.model.body_pos[shank], 1.2 * humanoid().body_pos[humanoid().body("left_shank").id]
+        body.model.body_pos[shank], 1.2 * humanoid().body_pos[humanoid().body("left_shank").id]
     )
     figures = result.validate()
     assert figures.metrics["stance_drift_mm"] < 1.0 and figures.broken() == []
@@ -341,7 +341,7 @@ def carried(motion: Motion, character: Character) -> Motion:
 
 
 def test_a_motion_cannot_end_up_on_another_body() -> None:
-    for other in (person(), "humanoid", humanoid()):
+    for other in (character(), "humanoid", humanoid()):
         with pytest.raises(ModelError, match=r"is another body than .* retarget") as caught:
             carried(clip(), tall()).on(other)
         assert "\n" not in str(caught.value)
@@ -370,7 +370,7 @@ def test_a_result_is_adapted_to_another_scene(name: str) -> None:
     """It comes in its scene, which is left behind: nothing of it is in the new one."""
     before = adapted(name)
     result = adapt(before.motion, scene("stairs"))
-    models = [compose(person(), scene(one)).model for one in ("stairs", name)]
+    models = [compose(character(), scene(one)).model for one in ("stairs", name)]
     there, here = (np.hstack((m.geom_type[:, None], m.geom_size, m.geom_pos)) for m in models)
     model = result.motion.model
     mine = np.hstack((model.geom_type[:, None], model.geom_size, model.geom_pos))

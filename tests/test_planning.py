@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 from command_line import run
-from made_up import MIXED, humanoid, loop_sites, person, some, walk
+from made_up import MIXED, character, humanoid, loop_sites, some, walk
 
 from mjmotion.apps.adaptation import adapt
 from mjmotion.body.character import Character
@@ -259,7 +259,7 @@ def test_free_footholds_on_the_command_line(short: Path, tmp_path: Path) -> None
     report = json.loads((out / "report.json").read_text("utf-8"))
     assert report["metrics"]["stance_drift_mm"] <= 1.0 and not report["unmet"]
     free = np.load(out / "motion.npz")["qpos"]
-    fixed = adapt(Motion.load(short, person()), scene("stairs"), tolerance=1e-4)
+    fixed = adapt(Motion.load(short, character()), scene("stairs"), tolerance=1e-4)
     assert np.abs(free[:, :3] - fixed.motion.qpos[:, :3]).max() > 1e-3
 
 

@@ -11,7 +11,7 @@ import command_line
 import mujoco
 import numpy as np
 import pytest
-from made_up import humanoid, loop_quats, loop_sites, person, some, walk
+from made_up import character, humanoid, loop_quats, loop_sites, some, walk
 
 from mjmotion.apps.retarget import (
     check_span,
@@ -84,7 +84,7 @@ def standing(frames: int = 40) -> Motion:
             qpos[:, at : at + 4] = exp(np.array((0.0, share * 0.6, 0.0)))
     low = loop_sites(model, qpos[:1])[0, model.site("left_foot").id, 2]
     qpos[:, 2] -= low
-    return Motion(person(), qpos, 30.0)
+    return Motion(character(), qpos, 30.0)
 
 
 @pytest.mark.parametrize("stride", ["keep", "scale"])

@@ -13,9 +13,9 @@ from made_up import MIXED, humanoid
 
 from mjmotion.apps.rope import RopeClimb, RopePoints, climb_rope, measure, rope_points
 from mjmotion.apps.rope.climb import plan_climb
-from mjmotion.apps.rope.result import marks
 from mjmotion.apps.rope.grasps import places_along
 from mjmotion.apps.rope.points import nearest_on_rope
+from mjmotion.apps.rope.result import marks
 from mjmotion.body.motion import Motion
 from mjmotion.cli.main import main
 from mjmotion.clips.climb import climb_contacts, make_climb

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import run
-from made_up import mixed, person, some
+from made_up import character, mixed, some
 
 from mjmotion.apps.adaptation import adapt
 from mjmotion.apps.transition import (
@@ -48,7 +48,7 @@ Clips = tuple[Motion, Motion]
 
 @pytest.fixture(scope="module")
 def clips() -> Clips:
-    return make_clips(person())
+    return make_clips(character())
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def measured(result: Result, motion: Motion | None = None) -> Validation:
 
 
 def straight(strides: float = 4.0, speed: float = 1.22, fps: float = 30.0) -> Motion:
-    return make_walk(person(), segments=[Segment("straight", strides)], speed=speed, fps=fps)
+    return make_walk(character(), segments=[Segment("straight", strides)], speed=speed, fps=fps)
 
 
 def moved(motion: Motion, yaw: float, place: tuple[float, float]) -> Motion:
@@ -274,7 +274,7 @@ def test_the_root_goes_as_its_standing_feet_let_it(clips: Clips) -> None:
 
 
 def test_turning_clips_go_on_where_they_face() -> None:
-    left = make_walk(person(), segments=[Segment("turn_left", 3.0)])
+    left = make_walk(character(), segments=[Segment("turn_left", 3.0)])
     both = blend_clips([left, left])
     turned = headings(both.motion)
     start, end = both.overlaps[0]

@@ -141,7 +141,7 @@ def find_unmet(
     for look in targets.look_at:
         label = f"look-at of {name[look.site]}"
         off.add(label, look.index, look.weight == 1.0, _look_at_gap(pose, look))
-    return tuple(sorted(off.found, key=lambda unmet: unmet.index))
+    return tuple(unmet for _, unmet in sorted(off.found, key=lambda found: found[0]))
 
 
 def _user_turns(
@@ -166,7 +166,7 @@ class _Off:
     frames: Index
     constraints: Sequence[Constraint]
     tolerance: float
-    found: list[Unmet] = dataclasses.field(default_factory=list)
+    found: list[tuple[int, Unmet]] = dataclasses.field(default_factory=list)
 
     def add(self, label: str, index: Index, exact: NDArray[np.bool_], gap: Array) -> None:
         """Note the constraints whose places (n,) [m] are off at frames where they are exact."""
@@ -188,7 +188,8 @@ class _Off:
         source = self.constraints[which].source
         place = sum(one.source == source for one in self.constraints[:which])
         frames = tuple(int(frame) for frame in self.frames[rows])
-        self.found.append(Unmet(label, frames, **residual, index=place, source=source))
+        unmet = Unmet(label, frames, **residual, index=place, source=source)
+        self.found.append((which, unmet))
 
 
 def check_free(unmet: Sequence[Unmet], constraints: Sequence[Constraint]) -> None:
