@@ -129,7 +129,7 @@ def find_unmet(
         exact = targets.turn_weight[:, column] == 1.0
         off.add_turn(f"orientation of {name[targets.sites[column]]}", index, exact, angle)
     if not (targets.relative or targets.look_at):
-        return tuple(sorted(off.found, key=lambda unmet: unmet.index))
+        return off.in_order()
     pose = _pose_at(motion, targets, bones)
     for one in targets.relative:
         label = f"{name[one.site]} to {name[one.to]}"
@@ -141,7 +141,7 @@ def find_unmet(
     for look in targets.look_at:
         label = f"look-at of {name[look.site]}"
         off.add(label, look.index, look.weight == 1.0, _look_at_gap(pose, look))
-    return tuple(unmet for _, unmet in sorted(off.found, key=lambda found: found[0]))
+    return off.in_order()
 
 
 def _user_turns(
@@ -190,6 +190,10 @@ class _Off:
         frames = tuple(int(frame) for frame in self.frames[rows])
         unmet = Unmet(label, frames, **residual, index=place, source=source)
         self.found.append((which, unmet))
+
+    def in_order(self) -> tuple[Unmet, ...]:
+        """Return what was noted, in the order of the constraints."""
+        return tuple(unmet for _, unmet in sorted(self.found, key=lambda found: found[0]))
 
 
 def check_free(unmet: Sequence[Unmet], constraints: Sequence[Constraint]) -> None:
