@@ -46,13 +46,13 @@ class Character:
       name: short name for messages and reports; the model's own without.
 
     Raises:
-      ModelError: the model's first joint is not its only free one.
+      ModelError: the model's first joint is not free. Others may be: those of a scene that moves.
     """
 
     def __init__(
         self, model: mujoco.MjModel, spec: mujoco.MjSpec | None = None, name: str = ""
     ) -> None:
-        check_free_root(model)
+        check_free_root(model, only=False)
         self.model = model
         self.name = name or model.names[: model.names.index(b"\0")].decode() or "character"
         self._spec = spec
@@ -76,6 +76,7 @@ class Character:
         if not isinstance(source, mujoco.MjSpec):
             short = Path(name).stem
         try:
+            check_free_root(model)
             return cls(model, spec, short)
         except ModelError as error:
             raise ModelError(f"character '{name}': {error}") from error
@@ -90,6 +91,7 @@ class Character:
         if isinstance(source, Character):
             return source
         if isinstance(source, mujoco.MjModel):
+            check_free_root(source)
             return cls(source)
         return cls.load(source)
 

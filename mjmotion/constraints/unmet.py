@@ -195,6 +195,10 @@ class _Off:
         unmet = Unmet(label, frames, **residual, index=place, source=source)
         self.found.append((which, unmet))
 
+    def in_order(self) -> tuple[Unmet, ...]:
+        """Return what was noted, in the order of the constraints."""
+        return tuple(unmet for _, unmet in sorted(self.found, key=lambda found: found[0]))
+
 
 def check_free(unmet: Sequence[Unmet], constraints: Sequence[Constraint]) -> None:
     """Refuse what is free to move as a whole and still cannot be met at all of its frames.
