@@ -10,6 +10,7 @@ import numpy as np
 from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.joint_limits import swing_twist
 from mjmotion.body.motion import Motion
+from mjmotion.clips.foot_planting import plant_feet
 from mjmotion.clips.frames import (
     UP,
     Upright,
@@ -21,7 +22,7 @@ from mjmotion.clips.frames import (
     mend_glitches,
 )
 from mjmotion.clips.measures import HumanoidMeasures
-from mjmotion.clips.recorded_feet import Foot, place_feet
+from mjmotion.clips.recorded_feet import RecordedFoot
 from mjmotion.clips.rig import SIDES, Rig, find_rig
 from mjmotion.clips.skeleton import Clip
 from mjmotion.numerics import rotations as rot
@@ -94,7 +95,7 @@ def map_clip(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Ma
     body = {name: rot.multiply(np.broadcast_to(turn, q.shape), q) for name, q in body.items()}
     root = rot.rotate(turn, root - start)
     feet = [foot.moved(turn, start) for foot in feet]
-    root, feet = place_feet(root, body["pelvis"], feet, measures, clip.fps)
+    root, feet = plant_feet(root, body["pelvis"], feet, measures, clip.fps)
     knees = {}
     for side, foot in zip(SIDES, feet, strict=True):
         hip = root + rot.rotate(body["pelvis"], measures.hips[side])
@@ -138,7 +139,7 @@ def bend_leg(
 
 
 def _leg(
-    hip: Array, foot: Foot, side: str, measures: HumanoidMeasures, fps: float
+    hip: Array, foot: RecordedFoot, side: str, measures: HumanoidMeasures, fps: float
 ) -> tuple[Array, Array, Array]:
     """Return the thigh's orientations, the knee's angles and the foot's orientations of one side.
 
@@ -258,7 +259,7 @@ def _hinge_axis(first: Array, second: Array, joint: Array, fallback: Array) -> A
     return rot.normalized(axis - rot.dot(axis, first)[:, None] * first)
 
 
-def _foot(source: Upright, side: str) -> Foot:
+def _foot(source: Upright, side: str) -> RecordedFoot:
     """Return the recorded foot of one side."""
     hip, knee, ankle = (source.at(f"{side}_{part}") for part in ("hip", "knee", "ankle"))
     thigh, shank = rot.normalized(knee - hip), rot.normalized(ankle - knee)
@@ -278,7 +279,7 @@ def _foot(source: Upright, side: str) -> Foot:
         # Against the shank, not the vertical: rest poses stand with their legs apart.
         leg = rot.normalized(source.rest_at(f"{side}_ankle") - source.rest_at(f"{side}_knee"))
         rest_pitch = float(np.arcsin(np.clip(rot.normalized(line) @ leg, -1, 1)))
-    return Foot.recorded(ankle, ball, joint, normal, rest_pitch, source.clip.fps)
+    return RecordedFoot.recorded(ankle, ball, joint, normal, rest_pitch, source.clip.fps)
 
 
 def _hip_shift(source: Upright, side: str, pelvis: Array, measures: HumanoidMeasures) -> Array:
