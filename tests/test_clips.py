@@ -16,9 +16,9 @@ from mjmotion.body.motion import Motion
 from mjmotion.clips import find_rig, load_clip, map_clip, read_clip, write_csv
 from mjmotion.clips.bvh import read_bvh
 from mjmotion.clips.foot_planting import smooth_correction
-from mjmotion.clips.frames import drop_rest_frame, mend_glitches
 from mjmotion.clips.mapping import Mapped, bend_leg
 from mjmotion.clips.skeleton import Clip, axis_rotations, pose_skeleton
+from mjmotion.clips.upright import drop_rest_frame, mend_glitches
 from mjmotion.exceptions import ClipError
 from mjmotion.numerics import rotations as rot
 

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.reach import drop_to_reach
-from mjmotion.clips.frames import UP, speed_of
-from mjmotion.clips.measures import HumanoidMeasures
+from mjmotion.clips.dimensions import HumanoidDimensions
 from mjmotion.clips.recorded_feet import STILL, RecordedFoot, RecordedStance, find_stances
 from mjmotion.clips.rig import SIDES
+from mjmotion.clips.upright import UP, speed_of
 from mjmotion.numerics import rotations as rot
 from mjmotion.numerics.smoothing import cover
 
@@ -35,7 +35,11 @@ _SHARP, _SOFT = 10.0, 1e-2  # [Hz] what corrections follow in contact; weight of
 
 
 def plant_feet(
-    root: Array, pelvis: Array, feet: Sequence[RecordedFoot], measures: HumanoidMeasures, fps: float
+    root: Array,
+    pelvis: Array,
+    feet: Sequence[RecordedFoot],
+    humanoid: HumanoidDimensions,
+    fps: float,
 ) -> tuple[Array, list[RecordedFoot]]:
     """Put the soles on the ground at z = 0 and the ankles within reach.
 
@@ -43,19 +47,19 @@ def plant_feet(
       root: (nframe, 3) positions of the pelvis [m].
       pelvis: (nframe, 4) its orientations.
       feet: the left and the right foot.
-      measures: the humanoid's measures.
+      humanoid: lengths and places of its parts.
       fps: frames a second.
 
     Returns:
       The moved root and feet.
     """
-    sole = -float(measures.site("left_foot")[2])
+    sole = -float(humanoid.site("left_foot")[2])
     stances = [find_stances(foot, sole, fps) for foot in feet]
     ground, uneven = _ground(feet, stances, sole)
     root = root - (ground[0] + root[:, :2] @ ground[1:])[:, None] * UP
     pinned = []
     for side, foot, group in zip(SIDES, feet, stances, strict=True):
-        heel, toe = measures.site(f"{side}_heel"), measures.site(f"{side}_toe")
+        heel, toe = humanoid.site(f"{side}_heel"), humanoid.site(f"{side}_toe")
         under = ground[0] + foot.ankle[:, :2] @ ground[1:]
         low = [
             dataclasses.replace(s, height=s.height - float(np.mean(under[s.start : s.end])))
@@ -66,17 +70,17 @@ def plant_feet(
         pinned.append(_pin(foot.lowered(under), low, heel, toe, fps))
     drop = np.zeros(len(root))
     for at, side in enumerate(SIDES):
-        hip = root + rot.rotate(pelvis, measures.hips[side])
-        toe = measures.site(f"{side}_toe")
+        hip = root + rot.rotate(pelvis, humanoid.hips[side])
+        toe = humanoid.site(f"{side}_toe")
         # A leg that trails behind raises its heel further; only then does the pelvis come down.
         for _ in range(4):
-            lack = drop_to_reach(hip, pinned[at].ankle, _REACH * measures.leg)
+            lack = drop_to_reach(hip, pinned[at].ankle, _REACH * humanoid.leg)
             rising = rot.rotate(pinned[at].quat, toe)[:, 2] < toe[2] - _RISING * toe[0]
             lack = np.where(rising, np.maximum(lack, 0.0), 0.0)
             if lack.max() < 1e-3:
                 break
             pinned[at] = pinned[at].tipped(cover(lack, 0.12 * fps) / toe[0], toe)
-        drop = np.maximum(drop, drop_to_reach(hip, pinned[at].ankle, _REACH * measures.leg))
+        drop = np.maximum(drop, drop_to_reach(hip, pinned[at].ankle, _REACH * humanoid.leg))
     return root - cover(drop, 0.4 * fps)[:, None] * UP, pinned
 
 

@@ -29,7 +29,7 @@ def leg_of(character: Character, side: str) -> Limb:
     raise ModelError(f"the built-in walk needs the humanoid: its {side} leg is no ball-hinge-ball")
 
 
-def knee_room(legs: Limbs, qpos: Array, feet: tuple[Array, Array], knee: float) -> Array:
+def room_to_rise(legs: Limbs, qpos: Array, feet: tuple[Array, Array], knee: float) -> Array:
     """Return how far (n,) the pelvis can rise before a knee is straighter than ``knee`` [m].
 
     Args:

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.clips.frames import UP, calibrate, frame_of, speed_of
+from mjmotion.clips.upright import UP, calibrate, frame_of, speed_of
 from mjmotion.numerics import rotations as rot
 
 Array = rot.Array
