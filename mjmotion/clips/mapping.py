@@ -9,6 +9,7 @@ import numpy as np
 
 from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.joint_limits import swing_twist
+from mjmotion.body.limbs import two_bone_angles
 from mjmotion.body.motion import Motion
 from mjmotion.clips.dimensions import HumanoidDimensions
 from mjmotion.clips.foot_planting import plant_feet
@@ -114,7 +115,8 @@ def bend_leg(
 ) -> tuple[Array, Array]:
     """Return the thigh's orientation and the knee's angle that bring the ankle to its place.
 
-    Closed form, two bones and a hinge (the paper's Eq. 7 with the knee's plane given).
+    Closed form, two bones and a hinge: the paper's Eq. 7 with the knee's plane given, where a
+    :class:`mjmotion.body.limbs.Limbs` turns the least from where the limb is.
 
     Args:
       hip: (nframe, 3) hip centres [m].
@@ -127,15 +129,12 @@ def bend_leg(
       (nframe, 4) quaternions wxyz of the thigh and (nframe,) flexion [rad] of the knee.
     """
     line = ankle - hip
-    far = np.linalg.norm(line, axis=1)
-    reach = np.clip(far, abs(thigh - shank) + 1e-9, thigh + shank)
+    lean, knee = two_bone_angles(thigh, shank, np.linalg.norm(line, axis=1))
     line = rot.normalized(line)
     normal = rot.normalized(normal - rot.dot(normal, line)[:, None] * line)
-    cosine = (thigh**2 + reach**2 - shank**2) / (2 * thigh * reach)
-    angle = np.arccos(np.clip(cosine, -1, 1))[:, None]
-    bone = np.cos(angle) * line - np.sin(angle) * rot.cross(normal, line)
-    cosine = (reach**2 - thigh**2 - shank**2) / (2 * thigh * shank)
-    return rot.from_matrix(frame_of(-bone, normal)), np.arccos(np.clip(cosine, -1, 1))
+    lean = lean[:, None]
+    bone = np.cos(lean) * line - np.sin(lean) * rot.cross(normal, line)
+    return rot.from_matrix(frame_of(-bone, normal)), knee
 
 
 def _leg(
