@@ -164,12 +164,12 @@ def test_the_range_of_a_whole_ball() -> None:
     motion = Motion(model, np.tile(model.qpos0, (3, 1)), 30.0)
     quat = exp(np.tile((0.6, 0.3, -0.2), (3, 1)))
     problem = Problem(
-        *(
-            model,
-            motion.qpos,
-            lay_out([SiteConstraint("end", np.array(range(3)), quat=quat)], model, 3),
-        ),
-        *([], default_rigidity(model), 1.0),
+        model,
+        motion.qpos,
+        lay_out([SiteConstraint("end", np.array(range(3)), quat=quat)], model, 3),
+        [],
+        default_rigidity(model),
+        1.0,
     )
     point = 0.8 * np.random.default_rng(2).normal(size=problem.nunknown)
     state = problem.state(point)
