@@ -81,8 +81,6 @@ class LimbState:
       hip: (n, nlimb, 3) world position of the hip [m].
       upper: (n, nlimb, 4) orientation of the upper segment.
       angle: (n, nlimb) knee angle from ``qpos0`` [rad].
-      bend: (n, nlimb, 4) the turn that angle makes, in the upper segment's frame.
-      stretch: (n, nlimb, 3) hip to ankle in the upper segment's frame [m].
       ankle: (n, nlimb, 3) hip to ankle [m].
       ankle_turn: (n, nlimb, 4) the ankle joint's own quaternion.
       end: (n, nlimb, 4) orientation of the end body.
@@ -92,8 +90,6 @@ class LimbState:
     hip: Array
     upper: Array
     angle: Array
-    bend: Array
-    stretch: Array
     ankle: Array
     ankle_turn: Array
     end: Array
@@ -214,7 +210,7 @@ class Limbs:
         bend, stretch = self._bend(angle)
         end = multiply(self._lower(upper, bend), ankle_turn)
         ankle = rotate(upper, stretch)
-        return LimbState(base_quat, hip, upper, angle, bend, stretch, ankle, ankle_turn, end)
+        return LimbState(base_quat, hip, upper, angle, ankle, ankle_turn, end)
 
     def _bend(self, angle: Array) -> tuple[Array, Array]:
         """Knee turns (n, nlimb, 4) and hip to ankle (n, nlimb, 3) in the upper's frame."""

@@ -83,7 +83,7 @@ def map_clip(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Ma
     source = make_upright(clip, rig, humanoid.leg)
     notes = [note for note in (dropped, mended) if note]
     notes.append(f"up axis {source.up_axis}, 1 unit of the file is {source.scale:.6g} m")
-    body = _trunk(source, humanoid)
+    body = _trunk(source)
     root = (source.position("left_hip") + source.position("right_hip")) / 2
     feet = [
         _foot(source, side).moved_by(_hip_shift(source, side, body["pelvis"], humanoid))
@@ -159,7 +159,7 @@ def _leg(
     return thigh, knee, tipped.quat
 
 
-def _trunk(source: UprightClip, humanoid: HumanoidDimensions) -> dict[str, Array]:
+def _trunk(source: UprightClip) -> dict[str, Array]:
     """Return the orientations (nframe, 4) of pelvis, torso, neck and head."""
     hips = source.position("left_hip") - source.position("right_hip")
     chain = _spine(source)
