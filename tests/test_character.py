@@ -412,7 +412,9 @@ def test_a_flexible_spine_says_its_shares() -> None:
     spine = old.index("spine")
     assert names == [
         *old[:spine],
-        *("spine_lower", "spine_middle", "spine_upper"),
+        "spine_lower",
+        "spine_middle",
+        "spine_upper",
         *old[spine + 1 :],
     ]
     box = Character.of(rigid).limits.boxes[rigid.joint("spine").id]

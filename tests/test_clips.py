@@ -15,10 +15,10 @@ from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
 from mjmotion.clips import find_rig, load_clip, map_clip, read_clip, write_csv
 from mjmotion.clips.bvh import read_bvh
-from mjmotion.clips.frames import drop_rest_frame, mend_glitches
+from mjmotion.clips.foot_planting import smooth_correction
 from mjmotion.clips.mapping import Mapped, bend_leg
-from mjmotion.clips.recorded_feet import carry
 from mjmotion.clips.skeleton import Clip, axis_rotations, pose_skeleton
+from mjmotion.clips.upright import drop_rest_frame, mend_glitches
 from mjmotion.exceptions import ClipError
 from mjmotion.numerics import rotations as rot
 
@@ -465,11 +465,11 @@ def test_leg_reaches_its_ankle() -> None:
     assert (rot.dot(axis, normal) > 0).all()
 
 
-def test_carry_follows_where_it_counts() -> None:
+def test_correction_follows_where_it_counts() -> None:
     time = np.arange(240) / 120
     values = np.stack([np.sin(4 * time), 0 * time + 1], axis=1)
     weight = (time < 0.5).astype(float)
-    curve = carry(values, weight, 120)
+    curve = smooth_correction(values, weight, 120)
     assert np.abs(curve - values)[:40].max() < 1e-3
     assert np.abs(curve[-30:]).max() < 0.05
     assert np.abs(np.diff(curve, 3, axis=0)).max() < 0.01

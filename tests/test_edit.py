@@ -317,11 +317,10 @@ def test_the_command_writes_a_result_with_a_plot(file: Path, tmp_path: Path) -> 
     moved = np.flatnonzero((results.motion.qpos != results.source.qpos).any(axis=1))
     assert (moved[0], moved[-1]) == (FRAME - 17, FRAME + 17)
     # A result can be edited again: it brings its own model and contacts.
-    again = ("--frame", 20, "--site", "left_hand", "--by", 0, 0.1, 0.1, "--site", "pelvis")
-    done = run(
-        *(tmp_path / "out", *again, "--by", 0, 0, -0.05),
-        *("--levels", "12,6,3,1.5", "--out", tmp_path / "again", "--no-video"),
-    )
+    hand = ("--site", "left_hand", "--by", 0, 0.1, 0.1)
+    pelvis = ("--site", "pelvis", "--by", 0, 0, -0.05)
+    again = ("--frame", 20, *hand, *pelvis, "--levels", "12,6,3,1.5")
+    done = run(tmp_path / "out", *again, "--out", tmp_path / "again", "--no-video")
     assert done.returncode == 0, done.stderr
     second = read_results(tmp_path / "again")
     assert (second.source.qpos == results.motion.qpos).all()

@@ -12,7 +12,10 @@ MASS = 70.0
 SIDES = ("left", "right")
 LIMB = {"arm": ("shoulder", "elbow", "wrist"), "leg": ("hip", "knee", "ankle")}
 JOINTS = [
-    *("root", "spine", "neck", "head"),
+    "root",
+    "spine",
+    "neck",
+    "head",
     *(f"{side}_{joint}" for side in SIDES for joint in LIMB["arm"]),
     *(f"{side}_{joint}" for side in SIDES for joint in LIMB["leg"]),
 ]

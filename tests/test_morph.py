@@ -367,7 +367,10 @@ def test_pictures_show_each_frames_body() -> None:
     assert tall(last) > 1.15 * tall(first) > 40
     # The source keeps its body, frame after frame, though both share the driver's meshes.
     pair = render_frames(
-        *(motion, [0, 2, 0], 320, 240),
+        motion,
+        [0, 2, 0],
+        320,
+        240,
         source=source,
         body=changing,
         layout="side-by-side",

@@ -273,8 +273,7 @@ GOOD = """
 def test_every_kind_of_constraint_on_the_command_line(short: Path, tmp_path: Path) -> None:
     wishes, out = written(tmp_path, GOOD), tmp_path / "out"
     done = run(
-        *("adapt", short, "--scene", "flat", "--constraints", wishes),
-        *("--out", out, "--no-video"),
+        "adapt", short, "--scene", "flat", "--constraints", wishes, "--out", out, "--no-video"
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
@@ -294,8 +293,7 @@ NOT_IN_ONE_PIECE = """
 def test_what_is_not_met_is_exit_1_with_frames_and_residuals(short: Path, tmp_path: Path) -> None:
     wishes, out = written(tmp_path, NOT_MET), tmp_path / "out"
     done = run(
-        *("adapt", short, "--scene", "flat", "--constraints", wishes),
-        *("--out", out, "--no-video"),
+        "adapt", short, "--scene", "flat", "--constraints", wishes, "--out", out, "--no-video"
     )
     assert done.returncode == 1 and "Traceback" not in done.stderr
     for name, frames in (
@@ -312,8 +310,7 @@ def test_what_is_not_met_is_exit_1_with_frames_and_residuals(short: Path, tmp_pa
 def test_what_cannot_be_held_in_one_piece_is_exit_2(short: Path, tmp_path: Path) -> None:
     wishes, out = written(tmp_path, NOT_IN_ONE_PIECE), tmp_path / "out"
     done = run(
-        *("adapt", short, "--scene", "flat", "--constraints", wishes),
-        *("--out", out, "--no-video"),
+        "adapt", short, "--scene", "flat", "--constraints", wishes, "--out", out, "--no-video"
     )
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert "'right_hand' is free in x" in done.stderr
@@ -342,10 +339,9 @@ BAD = {
 @pytest.mark.parametrize("case", sorted(BAD))
 def test_bad_constraints_are_one_line_and_exit_2(case: str, short: Path, tmp_path: Path) -> None:
     text, message = BAD[case]
-    out = tmp_path / "out"
+    wishes, out = written(tmp_path, text), tmp_path / "out"
     done = run(
-        *("adapt", short, "--scene", "flat", "--constraints", written(tmp_path, text)),
-        *("--out", out, "--no-video"),
+        "adapt", short, "--scene", "flat", "--constraints", wishes, "--out", out, "--no-video"
     )
     assert done.returncode == 2 and not out.exists()
     lines = done.stderr.strip().splitlines()
