@@ -129,10 +129,10 @@ def body_in_solids(result: Result) -> float:
     data = mujoco.MjData(model)
     feet = {model.body(f"{side}_foot").id for side in ("left", "right")}
     mine = [g for g in character_geoms(model, colliding=True) if model.geom_bodyid[g] not in feet]
-    boxes = np.flatnonzero(
+    solid = np.flatnonzero(
         (model.geom_type == mujoco.mjtGeom.mjGEOM_BOX) & (model.geom_contype > 0)
     )
-    boxes = [b for b in boxes if model.body_weldid[model.geom_bodyid[b]] == 0]
+    boxes = [b for b in solid if model.body_weldid[model.geom_bodyid[b]] == 0]
     depth = 0.0
     for pose in result.motion.qpos:
         data.qpos[:] = pose

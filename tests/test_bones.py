@@ -16,7 +16,7 @@ from mjmotion.body.bones import Bones
 from mjmotion.body.kinematics import Kinematics, body_pose, site_positions
 from mjmotion.body.limbs import Limbs, find_limbs
 from mjmotion.body.motion import Motion
-from mjmotion.constraints import LookAt, RelativeConstraint, SiteConstraint, lay_out
+from mjmotion.constraints import Constraint, LookAt, RelativeConstraint, SiteConstraint, lay_out
 from mjmotion.exceptions import ModelError
 from mjmotion.fitting import fit, residuals
 from mjmotion.ik.hybrid import HybridIK
@@ -201,8 +201,8 @@ def test_held_hands_gazes_and_free_feet_on_a_changing_body() -> None:
     motion = clip()
     model, middle = motion.model, np.arange(20, 40)
     bones = stretched(model, np.linspace(1.0, 1.08, motion.nframe))
-    still = SiteConstraint("left_foot", middle, pin(model, motion.qpos, FEET[0]).position[30])
-    constraints = [
+    still = SiteConstraint("left_foot", middle, some(pin(model, motion.qpos, FEET[0]).position)[30])
+    constraints: list[Constraint] = [
         dataclasses.replace(still, free=("x", "y")),
         RelativeConstraint("left_hand", middle, "pelvis", np.array((0.02, 0.24, 0.0))),
         LookAt("face", middle, np.array((4.0, 1.0, 1.5))),

@@ -102,10 +102,10 @@ SOURCES = [
 
 
 @pytest.mark.parametrize("source", SOURCES)
-def test_a_size_scales_lengths_masses_and_inertias(source: object) -> None:
+def test_a_size_scales_lengths_masses_and_inertias(source: str | Path | mujoco.MjSpec) -> None:
     s = 1.7
-    before = load_spec(source).compile()  # type: ignore[arg-type]
-    after = make_character(source, Proportions(size=s)).compile()  # type: ignore[arg-type]
+    before = load_spec(source).compile()
+    after = make_character(source, Proportions(size=s)).compile()
     mine = before.body_rootid == before.body_rootid[before.jnt_bodyid[0]]
     np.testing.assert_allclose(after.body_mass[mine], s**3 * before.body_mass[mine], rtol=1e-6)
     # Principal axes may swap where two moments are all but equal.
@@ -132,10 +132,12 @@ def spin(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 
 
 @pytest.mark.parametrize("source", SOURCES)
-def test_parts_grow_by_their_factors_and_soles_stay_down(source: object) -> None:
+def test_parts_grow_by_their_factors_and_soles_stay_down(
+    source: str | Path | mujoco.MjSpec,
+) -> None:
     factors = Proportions(legs=1.25, torso=0.8, arms=0.85)
-    before = load_spec(source).compile()  # type: ignore[arg-type]
-    after = make_character(source, factors).compile()  # type: ignore[arg-type]
+    before = load_spec(source).compile()
+    after = make_character(source, factors).compile()
     old, new = find_parts(before), find_parts(after)
     for limbs, others, factor in ((old.legs, new.legs, 1.25), (old.arms, new.arms, 0.85)):
         for limb, other in zip(limbs, others, strict=True):
@@ -383,7 +385,7 @@ def flexible() -> tuple[mujoco.MjModel, mujoco.MjModel]:
 
 def test_a_flexible_spine_is_the_rigid_one_at_rest() -> None:
     rigid, bent = flexible()
-    whole = []
+    whole: list[tuple[np.ndarray, ...]] = []
     for model, names in ((rigid, ["torso"]), (bent, ["lower_back", "middle_back", "chest"])):
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)

@@ -328,11 +328,9 @@ def figure(kind: str, nframe: int = 30, scale: float = 1.0, axes: np.ndarray | N
     names = PARTS[kind].split("|")
     places, parents = list(PLACE * scale), list(PARENT)
     for index in (1, 2, 3, 4, 8, 9, 10):
-        parent = PARENT[index]
+        above = PARENT[index]
         names.append(other_side(names[index]))
-        parents.append(
-            names.index(other_side(names[parent])) if parent in (1, 2, 3, 8, 9) else parent
-        )
+        parents.append(names.index(other_side(names[above])) if above in (1, 2, 3, 8, 9) else above)
         places.append(PLACE[index] * scale * (-1, 1, 1))
     place, parent = np.array(places), np.array(parents)
     offsets = place - np.where((parent < 0)[:, None], 0, place[parent])
@@ -560,7 +558,7 @@ def test_bones_keep_their_directions(name: str, mapped: Callable[[str], Mapped])
     clip, _ = mend_glitches(clip.cut(clip.nframe - motion.nframe, clip.nframe))
     rig = find_rig(clip)
     data = mujoco.MjData(motion.model)
-    ours = {"arm": [], "thigh": []}
+    ours: dict[str, list[np.ndarray]] = {"arm": [], "thigh": []}
     pairs = {"arm": ("left_upper_arm", "left_forearm"), "thigh": ("left_thigh", "left_shank")}
     for qpos in motion.qpos:
         data.qpos[:] = qpos

@@ -11,6 +11,7 @@ from made_up import humanoid
 from scipy.spatial.transform import Rotation
 
 from mjmotion.constraints import (
+    Constraint,
     LookAt,
     RelativeConstraint,
     SiteConstraint,
@@ -59,7 +60,9 @@ def write(folder: Path, text: str, name: str = "constraints.yaml") -> Path:
     return path
 
 
-def check(first: SiteConstraint, second: SiteConstraint, third: SiteConstraint) -> None:
+def check(first: Constraint, second: Constraint, third: Constraint) -> None:
+    assert isinstance(first, SiteConstraint) and isinstance(second, SiteConstraint)
+    assert isinstance(third, SiteConstraint)
     assert (first.site, first.weight, first.quat) == ("left_hand", 0.5, None)
     np.testing.assert_array_equal(first.frames, range(10, 14))
     np.testing.assert_array_equal(first.position, np.tile((1.2, 0.4, 1.1), (4, 1)))

@@ -7,6 +7,7 @@ import itertools
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -252,7 +253,7 @@ def test_rigid_joints_stay() -> None:
 
 def test_arguments_and_progress() -> None:
     motion, constraints = walk(1.0), on_bumps(walk(1.0), 0.02)
-    kept, points = motion.qpos.copy(), constraints[0].position.copy()
+    kept, points = motion.qpos.copy(), some(constraints[0].position).copy()
     calls: list[tuple[int, int]] = []
     result = fit(motion, constraints, progress=lambda done, total: calls.append((done, total)))
     np.testing.assert_array_equal(motion.qpos, kept)
@@ -290,8 +291,8 @@ def test_conjugate_gradients_through_the_fit() -> None:
     """The paper's solver in the paper's algorithm, on eight frames with feet on a rise."""
     motion = Motion(humanoid(), clip().qpos[20:28], 30.0)
     constraints = on_bumps(motion, 0.03)
-    options = {"levels": (4, 2), "first_guess": False, "exact": False}
-    slow = fit(motion, constraints, ik=ConjugateGradientIK(motion.model), **options)
+    options: dict[str, Any] = {"levels": (4, 2), "first_guess": False, "exact": False}
+    slow = fit(motion, constraints, ik=ConjugateGradientIK(motion.model), **options)  # type: ignore[arg-type]
     quick = fit(motion, constraints, ik=NumericIK(motion.model, iterations=8), **options)
     apart = ominus(motion.model, slow.motion.qpos, quick.motion.qpos)
     moved = ominus(motion.model, slow.motion.qpos, motion.qpos)
@@ -300,7 +301,7 @@ def test_conjugate_gradients_through_the_fit() -> None:
     assert errors[1] < errors[0]
 
 
-BAD = {
+BAD: dict[str, tuple[dict[str, Any], str]] = {
     "no levels": ({"levels": ()}, "levels is empty"),
     "zero": ({"levels": (16, 0)}, "positive"),
     "nan": ({"levels": (float("nan"),)}, "positive"),

@@ -217,7 +217,7 @@ def test_swivelling_keeps_the_end_in_place() -> None:
         assert (knee > 0.02 * step).all()
 
 
-def one_foot(position: object) -> tuple[mujoco.MjModel, np.ndarray, Targets]:
+def one_foot(position: np.ndarray) -> tuple[mujoco.MjModel, np.ndarray, Targets]:
     """The humanoid at rest, knees a little bent, with its left foot wanted somewhere, level."""
     model = humanoid()
     qpos = model.qpos0[None].copy()
@@ -239,7 +239,7 @@ def test_out_of_reach_a_leg_stretches_as_far_as_it_goes(way: tuple[float, ...]) 
 
 
 def test_too_near_a_knee_bends_to_its_limit() -> None:
-    model, qpos, targets = one_foot((0.0, 0.09, HIP - 0.1 - SOLE))
+    model, qpos, targets = one_foot(np.array((0.0, 0.09, HIP - 0.1 - SOLE)))
     found = oplus(model, qpos, HybridIK(model).enforce(qpos, targets).displacement)
     knee = model.joint("left_knee")
     assert found[0, knee.qposadr[0]] == pytest.approx(model.jnt_range[knee.id, 1])
@@ -599,7 +599,7 @@ def test_frames_that_inequalities_ask_are_told() -> None:
     for solver in (NumericIK(model), HybridIK(model)):
         found = solver.solve(qpos, targets, Ceiling(model, float(tops[1]) + 0.05))
         np.testing.assert_array_equal(found.pushed, [True, False, True])
-        assert not solver.solve(qpos, targets).pushed.any()
+        assert not some(solver.solve(qpos, targets).pushed).any()
 
 
 # The reference's own derivatives

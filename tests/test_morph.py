@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from made_up import STEP_TIME, foot_track, humanoid, mixed, random_poses, walk
+from made_up import STEP_TIME, foot_track, humanoid, mixed, random_poses, some, walk
 
 from mjmotion.apps.morph import MorphBody, morph
 from mjmotion.body.assets import find_asset
@@ -208,7 +208,7 @@ def test_keys_that_make_no_body(
 def test_footprints_and_timing_stay_those_of_the_walk() -> None:
     result = morphed()
     before = Kinematics(result.source.model, FRAMES).forward(result.source.qpos).site_xpos
-    after = body_poses(result.body, result.motion.qpos).site
+    after = body_poses(some(result.body), result.motion.qpos).site
     assert {contact.site for contact in result.contacts} == {
         f"{side}_{part}" for side in ("left", "right") for part in ("heel", "toe")
     }
@@ -265,7 +265,7 @@ def test_larger_feet_stand_in_the_middle_of_their_footprints() -> None:
     figures = validate(result.source, result.motion, result.contacts, body=result.body)
     assert figures.metrics["stance_drift_mm"] < 0.1
     model = result.motion.model
-    sites = body_poses(result.body, result.motion.qpos).site
+    sites = body_poses(some(result.body), result.motion.qpos).site
     before = Kinematics(model, result.motion.nframe).forward(result.source.qpos).site_xpos
     heel, toe = (model.site(f"left_{part}").id for part in ("heel", "toe"))
     frame = 15
@@ -408,7 +408,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_folder_holds_the_body_and_is_measured_again(folder: Path) -> None:
     results = read_results(folder)
     assert results.body is not None
-    ours = body_poses(morphed().body, morphed().motion.qpos)
+    ours = body_poses(some(morphed().body), morphed().motion.qpos)
     theirs = body_poses(results.body, results.motion.qpos)
     assert np.allclose(ours.site, theirs.site, atol=1e-6)
     again = Report.from_folder(folder)

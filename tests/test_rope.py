@@ -265,7 +265,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 ) -> None:
     out = tmp_path / "rope"
     try:
-        code = main(["rope", "--out", str(out), "--no-video", *options])
+        code: object = main(["rope", "--out", str(out), "--no-video", *options])
     except SystemExit as error:
         code = error.code
     said = capsys.readouterr().err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -171,7 +172,7 @@ def test_elimination_is_the_optimum_over_poses_and_moves_at_once() -> None:
     nframe, ndof = 12, 20
     laid = SharedMoves(moves, feet_of(model, nframe, 7), model)
     jacobian, error = rng.normal(size=(nframe, 12, ndof)), 0.01 * rng.normal(size=(nframe, 12))
-    inverse = np.linalg.inv(jacobian @ jacobian.swapaxes(1, 2))
+    inverse = np.asarray(np.linalg.inv(jacobian @ jacobian.swapaxes(1, 2)), np.float64)
     gradient = (inverse @ error[..., None])[..., 0].reshape(nframe, 2, 6)
     seen = Sensitivity(gradient, inverse.reshape(nframe, 2, 6, 2, 6))
     zero = np.zeros((1, 4))
@@ -244,7 +245,7 @@ def test_frames_that_are_asked_miss_no_move(spacing: int) -> None:
         assert asked >= 6 and len(rows) <= nframe and (np.diff(rows) > 0).all()
 
 
-BAD_MOVES = {
+BAD_MOVES: dict[str, tuple[dict[str, Any], str]] = {
     "no frames": ({"frames": []}, "frames, each once"),
     "a frame twice": ({"frames": [1, 2, 1]}, "frames, each once"),
     "shares of another length": ({"share": np.ones(4)}, r"share \(n,\)"),
@@ -272,7 +273,7 @@ def test_bad_moves(case: str) -> None:
     options, message = BAD_MOVES[case]
     good = {"frames": [1, 2, 3], "share": 1.0, "pivot": np.zeros(3), "directions": PLANE}
     with pytest.raises(ConstraintError, match=message) as caught:
-        SharedMove("left_foot", **{**good, **options})  # type: ignore[arg-type]
+        SharedMove("left_foot", **{**good, **options})
     assert "left_foot" in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -295,7 +296,7 @@ def test_moves_of_what_is_not_held() -> None:
 
 def near_targets(
     model: mujoco.MjModel, qpos: np.ndarray, sites: tuple[str, ...], kind: str
-) -> list[Constraint]:
+) -> Targets:
     """Sites to be elsewhere by about SMALL, with all kinds of other wishes at some frames."""
     rng, n = np.random.default_rng(12), len(qpos)
     constraints: list[Constraint] = []
@@ -452,6 +453,7 @@ def test_a_free_foothold_comes_to_the_mean_place(power: float, ik: str) -> None:
     # It costs less than to stay, and than any place a little to the side.
     held = with_moves(free_foot(motion, ("x", "y", "yaw")), result.moves)
     best = cost_of(result, motion)
+    assert isinstance(held[1], SiteConstraint)
     for shift in ((0.01, 0), (-0.01, 0), (0, 0.01), (0, -0.01)):
         aside = dataclasses.replace(held[1], position=some(held[1].position) + (*shift, 0.0))
         other = fit(motion, [held[0], aside], ik=ik, first_guess=False)
@@ -483,9 +485,10 @@ def test_only_what_is_free_moves(free: tuple[str, ...]) -> None:
     constraints = free_foot(motion, free)
     result = fit(motion, constraints, first_guess=False)
     moved = with_moves(constraints, result.moves)[1]
+    assert isinstance(moved, SiteConstraint)
     step = np.abs(some(moved.position) - some(constraints[1].position)).max(axis=0)
     np.testing.assert_array_equal(step > 1e-6, [name in free for name in "xyz"])
-    turn = log(multiply(moved.quat, conjugate(some(constraints[1].quat))))
+    turn = log(multiply(some(moved.quat), conjugate(some(constraints[1].quat))))
     assert (np.abs(turn).max() > 1e-3) == ("yaw" in free) and np.abs(turn[:, :2]).max() < 1e-9
     assert moved.free == () and constraints[1].free == free
     foot = loop_sites(motion.model, result.motion.qpos)[:, motion.model.site(FEET[0]).id]
@@ -573,8 +576,9 @@ def test_what_cannot_be_met_is_named_by_frame(ik: str) -> None:
     result = fit(away, [right, left], ik=ik, first_guess=False)
     (name,) = [one for one in result.unmet if one.constraint == f"position of {FEET[0]}"]
     target = with_moves([right, left], result.moves)[1]
+    assert isinstance(target, SiteConstraint)
     foot = loop_sites(away.model, result.motion.qpos)[:, away.model.site(FEET[0]).id]
-    off = 1000.0 * np.linalg.norm(foot - target.position, axis=1)
+    off = 1000.0 * np.linalg.norm(foot - some(target.position), axis=1)
     np.testing.assert_array_equal(name.frames, np.flatnonzero(off > 1.0))
     assert len(name.frames) > 0 and name.residual_mm == pytest.approx(off.max(), rel=1e-6)
 
@@ -601,8 +605,8 @@ def test_with_moves_turns_about_the_middle() -> None:
     free = SiteConstraint("left_hand", frames, points, quat, free=("y", "yaw"))
     fixed = SiteConstraint("right_hand", frames, points)
     held = with_moves([fixed, free], np.array(((0.3, 0.0, 0.0, np.pi / 2),)))
-    assert held[0] is fixed
+    assert held[0] is fixed and isinstance(held[1], SiteConstraint)
     np.testing.assert_allclose(some(held[1].position), ((2, -0.7, 1), (2, 1.3, 1)), atol=1e-12)
-    turned = log(multiply(held[1].quat, conjugate(quat)))
+    turned = log(multiply(some(held[1].quat), conjugate(quat)))
     np.testing.assert_allclose(turned, np.tile((0, 0, np.pi / 2), (2, 1)), atol=1e-12)
     assert held[1].free == () and held[1].weight == 1.0

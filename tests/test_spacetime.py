@@ -400,7 +400,7 @@ def test_constraints_that_it_cannot_take(short_walk: Motion) -> None:
         solve_spacetime(short_walk, [gaze])
     with pytest.raises(FitError, match="no constraints"):
         solve_spacetime(short_walk, [])
-    beyond = SiteConstraint("left_foot", [short_walk.nframe], position=(0.0, 0.0, 0.0))
+    beyond = SiteConstraint("left_foot", [short_walk.nframe], position=(0.0, 0.0, 0.0))  # type: ignore[arg-type]
     with pytest.raises(ConstraintError, match="left_foot"):
         solve_spacetime(short_walk, [beyond])
 

@@ -371,7 +371,12 @@ def test_a_job_of_all_frames_has_smoother_levels_than_interpolation() -> None:
 
 def test_tasks_take_turns() -> None:
     order: list[str] = []
-    tasks = {name: lambda name=name: order.append(name) or len(order) for name in ("a", "b")}
+
+    def note(name: str) -> int:
+        order.append(name)
+        return len(order)
+
+    tasks = {name: lambda name=name: note(name) for name in ("a", "b")}
     runs = take_turns(tasks, 2)
     assert order == ["a", "b", "a", "b", "a", "b"]  # the first two do not count
     assert [result for _, result in runs["b"]] == [4, 6]

@@ -317,7 +317,8 @@ def test_one_jolt_shows_in_the_extreme_and_is_located() -> None:
     result = check(model, adapted, source=own)
     assert result.metrics["jerk_ratio_p999"] > 2
     assert result.worst["jerk_ratio_p999"].where == "ankle"
-    assert 96 <= result.worst["jerk_ratio_p999"].frame <= 100
+    frame = result.worst["jerk_ratio_p999"].frame
+    assert frame is not None and 96 <= frame <= 100
 
 
 def test_root_travel() -> None:
@@ -483,8 +484,8 @@ def test_pruned_pairs_are_all_that_touch() -> None:
         geom = int(character.geoms[i])
         position[frame, i] = data.geom_xpos[geom]
         matrix[frame, i] = data.geom_xmat[geom].reshape(3, 3)
-        for other in ground.convex:
-            gap = mujoco.mj_geomDistance(model, data, geom, other, 0.0, None)
+        for solid in ground.convex:
+            gap = mujoco.mj_geomDistance(model, data, geom, solid, 0.0, None)
             expected[frame, i] = max(expected[frame, i], -gap)
     depth, other = penetration(ground, character, position, matrix)
     assert (expected > 0.01).sum() > 20 and (expected == 0).sum() > 20
@@ -510,8 +511,8 @@ def test_depth_in_a_rough_heightfield_is_as_found_by_many_rays() -> None:
     sole, field = model.geom("sole").id, model.geom("field").id
     up, down = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
     grid = np.stack(np.meshgrid(np.linspace(-0.16, 0.16, 65), np.linspace(-0.16, 0.16, 65)), -1)
-    turn = math.radians(25)
-    turn = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+    yaw = math.radians(25)
+    turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
     nodes = np.stack(np.meshgrid(np.linspace(-0.8, 0.8, ncol), np.linspace(-0.6, 0.6, nrow)), -1)
     nodes = nodes.reshape(-1, 2) @ turn
     x, y, z = model.geom("sole").size

@@ -110,12 +110,12 @@ def test_swing_clearance_is_that_of_the_lowest_of_all_points() -> None:
         xyz, frame = sole_points(character, i, *place, sample_spacing(ground))
         clear = xyz[:, 2] - ground.heights(xyz)[0]
         np.fmin.at(expected, frame, clear)
-    for swing, (clear, frame) in zip(
+    for swing, (least, where) in zip(
         swings, swing_clearances(swings, ground, character, poses), strict=True
     ):
         span = expected[swing.first : swing.last]
-        assert clear == pytest.approx(span.min(), abs=1e-12)
-        assert frame == swing.first + span.argmin()
+        assert least == pytest.approx(span.min(), abs=1e-12)
+        assert where == swing.first + span.argmin()
 
 
 def test_poses_are_those_of_one_frame_at_a_time_whatever_lies_between_the_geoms() -> None:
@@ -144,5 +144,5 @@ def test_the_ground_of_a_model_is_its_own() -> None:
     assert ground_of(first) is ground_of(first)
     points = np.random.default_rng(7).uniform(-1, 1, (50, 3)) + (0, 0, 5)
     heights = [ground_of(model).heights(points)[0] for model in (first, second)]
-    assert not np.allclose(*heights)
+    assert not np.allclose(heights[0], heights[1])
     np.testing.assert_array_equal(heights[1], Ground(second).heights(points)[0])

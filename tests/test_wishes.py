@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjmotion.body.motion import Motion
-from mjmotion.constraints import LookAt, RelativeConstraint, SiteConstraint
+from mjmotion.constraints import Constraint, LookAt, RelativeConstraint, SiteConstraint
 from mjmotion.constraints.unmet import Missed, all_missed, unmet_wishes
 from mjmotion.fitting import Unmet
 from mjmotion.numerics.rotations import exp, normalized
@@ -98,7 +98,7 @@ def test_the_scene_s_own_targets_are_told_apart(motion: Motion) -> None:
 def test_what_the_fit_measured_is_the_user_s_where_the_user_asked(motion: Motion) -> None:
     """Places in another site's frame, gazes, and what is free to move: told by name and frame."""
     frames = np.arange(3, 6)
-    wishes = [
+    wishes: list[Constraint] = [
         RelativeConstraint("left_hand", frames, "pelvis", np.array((0, 0, 2))),
         LookAt("face", frames, np.array((0, 0, 9))),
         SiteConstraint("right_hand", frames, np.array((0, 0, 9)), free=("x",)),
@@ -135,7 +135,7 @@ def test_turns_to_another_site_are_measured(motion: Motion, degrees: float) -> N
 
 def test_orientations_of_what_is_free_are_measured_but_for_the_yaw_it_took(motion: Motion) -> None:
     frames = np.arange(3, 6)
-    away = {"position": (5.0, 5.0, 5.0), "free": ("x", "yaw")}
+    away: dict[str, Any] = {"position": (5.0, 5.0, 5.0), "free": ("x", "yaw")}
     yawed = SiteConstraint("left_hand", frames, quat=exp(np.array((0, 0, 1.2))), **away)
     assert unmet_wishes(motion, [yawed]) == ()
     tilted = SiteConstraint("left_hand", frames, quat=exp(np.array((0.1, 0, 0))), **away)
