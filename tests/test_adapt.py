@@ -242,6 +242,10 @@ def test_wishes_out_of_reach_are_reported() -> None:
     result = adapt(clip(), scene("flat"), constraints=[far])
     (unmet,) = [one for one in result.unmet if "right_hand" in one.constraint]
     assert unmet.frames == (40, 41, 42, 43) and some(unmet.residual_mm) > 1000.0
+    other = SiteConstraint("left_hand", np.arange(40, 42), np.array((0.4, 0.2, 4.0)))
+    both = adapt(clip(), scene("flat"), constraints=[other, far]).unmet
+    own = [(one.constraint, one.index) for one in both if one.source == "user"]
+    assert own == [("position of left_hand", 0), ("position of right_hand", 1)]
     with pytest.raises(ConstraintError):
         adapt(
             clip(),

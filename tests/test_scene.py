@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from PIL import Image
 from scipy.interpolate import BSpline
 
+from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ModelError, MotionError, SceneError
 from mjmotion.scene import (
     BUILDERS,
@@ -449,8 +450,11 @@ def test_compose_a_scene_that_moves_keeps_the_root_first(yard: Path, figure: Pat
         '<geom type="box" size=".2 .2 .2"/></body><site name',
     )
     yard.write_text(text)
-    model = compose(figure, load_scene(yard)).model
+    character = compose(figure, load_scene(yard))
+    model = character.model
     assert [model.joint(i).name for i in range(model.njnt)] == ["root", "knee", "crate"]
+    with pytest.raises(ModelError, match="only free one"):  # whose motion would it be?
+        Motion(character, model.qpos0[None], 30.0)
     np.testing.assert_allclose(model.qpos0[:7], [0, 0, 0.9, 1, 0, 0, 0])
     np.testing.assert_allclose(model.qpos0[8:11], [2, 0, 1])
 
