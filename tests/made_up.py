@@ -8,10 +8,9 @@ from typing import TypeVar
 import mujoco
 import numpy as np
 
-from mjmotion.body.assets import find_asset
 from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
-from mjmotion.constraints import SiteConstraint
+from mjmotion.constraints import Constraint, SiteConstraint
 
 T = TypeVar("T")
 
@@ -42,8 +41,13 @@ STEP_LENGTH, STEP_HEIGHT, CROUCH = 0.26, 0.06, 0.05  # [m]
 
 
 @functools.cache
+def character() -> Character:
+    """The humanoid, with what it was compiled from: it can be put into scenes."""
+    return Character.load("humanoid")
+
+
 def humanoid() -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_path(str(find_asset("model", "humanoid")))
+    return character().model
 
 
 @functools.cache
@@ -88,6 +92,12 @@ def some(value: T | None) -> T:
     """What is there, where the types say that it may be missing."""
     assert value is not None
     return value
+
+
+def of_site(constraint: Constraint) -> SiteConstraint:
+    """A constraint of one site in the world, where the types say that it may be another kind."""
+    assert isinstance(constraint, SiteConstraint)
+    return constraint
 
 
 def pin(
@@ -138,7 +148,7 @@ def walk(seconds: float = 3.0, fps: float = 30.0) -> Motion:
         out = 0.15 if side == "left" else -0.15
         turn = np.column_stack((np.full_like(swing, out), swing, np.zeros_like(swing)))
         for row, vector in zip(qpos, turn, strict=True):
-            angle = float(np.linalg.norm(vector))
-            mujoco.mju_axisAngle2Quat(row[at : at + 4], vector / angle, angle)
+            size = float(np.linalg.norm(vector))
+            mujoco.mju_axisAngle2Quat(row[at : at + 4], vector / size, size)
         qpos[:, model.joint(f"{side}_elbow").qposadr[0]] = 0.3
-    return Motion(model, qpos, fps)
+    return Motion(character(), qpos, fps)

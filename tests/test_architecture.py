@@ -70,6 +70,7 @@ def imports(tree: ast.Module) -> dict[str, int]:
                 while inside and inside not in MODULES:
                     inside = inside.rpartition(".")[0]
                 if inside:
+                    assert isinstance(node, ast.Import | ast.ImportFrom)
                     found.setdefault(inside, node.lineno)
     return found
 
@@ -112,11 +113,12 @@ def test_the_validation_is_independent() -> None:
         if module.split(".")[0] != "validation":
             continue
         for node in ast.walk(tree):
-            names: list[str] = []
             if isinstance(node, ast.Import):
                 names = [alias.name for alias in node.names]
             elif isinstance(node, ast.ImportFrom):
                 names = [f"{node.module}.{alias.name}" for alias in node.names]
+            else:
+                continue
             for name in names:
                 inside = name.startswith(("mjmotion.validation.", "mjmotion.exceptions."))
                 late = name == lazy.get(module.rpartition(".")[2]) and node not in tree.body
@@ -136,8 +138,9 @@ def test_public_things_have_docstrings() -> None:
         if not ast.get_docstring(tree):
             missing.append(name)
         for node in tree.body:
-            public = isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name[0] != "_"
-            if public and not ast.get_docstring(node):
+            if not isinstance(node, ast.FunctionDef | ast.ClassDef) or node.name[0] == "_":
+                continue
+            if not ast.get_docstring(node):
                 missing.append(f"{name}.{node.name}")
     assert not missing
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import command_line
 import mujoco
 import numpy as np
 import pytest
@@ -100,10 +101,10 @@ SOURCES = [
 
 
 @pytest.mark.parametrize("source", SOURCES)
-def test_a_size_scales_lengths_masses_and_inertias(source: object) -> None:
+def test_a_size_scales_lengths_masses_and_inertias(source: str | Path | mujoco.MjSpec) -> None:
     s = 1.7
-    before = Character.load(source).spec.compile()  # type: ignore[arg-type]
-    after = make_character(source, Proportions(size=s)).model  # type: ignore[arg-type]
+    before = Character.load(source).model
+    after = make_character(source, Proportions(size=s)).model
     mine = before.body_rootid == before.body_rootid[before.jnt_bodyid[0]]
     np.testing.assert_allclose(after.body_mass[mine], s**3 * before.body_mass[mine], rtol=1e-6)
     # Principal axes may swap where two moments are all but equal.
@@ -130,10 +131,12 @@ def spin(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 
 
 @pytest.mark.parametrize("source", SOURCES)
-def test_parts_grow_by_their_factors_and_soles_stay_down(source: object) -> None:
+def test_parts_grow_by_their_factors_and_soles_stay_down(
+    source: str | Path | mujoco.MjSpec,
+) -> None:
     factors = Proportions(legs=1.25, torso=0.8, arms=0.85)
-    before = Character.load(source).spec.compile()  # type: ignore[arg-type]
-    after = make_character(source, factors).model  # type: ignore[arg-type]
+    before = Character.load(source).model
+    after = make_character(source, factors).model
     old, new = find_parts(before), find_parts(after)
     for limbs, others, factor in ((old.legs, new.legs, 1.25), (old.arms, new.arms, 0.85)):
         for limb, other in zip(limbs, others, strict=True):
@@ -183,7 +186,7 @@ def test_the_parts_of_a_real_robot() -> None:
 
 
 def test_lengths_times_widths_squared_make_masses() -> None:
-    before = Character.load("humanoid").spec.compile()
+    before = Character.load("humanoid").model
     after = make_character("humanoid", Proportions(legs=1.3, width=0.9, head=1.2)).model
     for body, factor in (
         ("left_thigh", 1.3 * 0.81),
@@ -344,11 +347,11 @@ def test_the_shipped_characters_are_what_the_script_makes() -> None:
     made = {
         "climber": make_character("humanoid", script.CLIMBER),
         "child": make_character("humanoid", script.child()),
-        "humanoid_flexible": flexible_spine(Character.load("humanoid").spec, script.SPINE),
+        "humanoid_flexible": flexible_spine("humanoid", script.SPINE),
     }
-    for name, spec in made.items():
+    for name, character in made.items():
         shipped = mujoco.MjModel.from_xml_path(str(find_asset("model", name)))
-        model = spec.compile()
+        model = character.spec.compile()
         for field in (
             "body_pos",
             "body_mass",
@@ -377,13 +380,12 @@ def test_the_child_has_a_childs_measures() -> None:
 
 
 def flexible() -> tuple[mujoco.MjModel, mujoco.MjModel]:
-    rigid = Character.load("humanoid").spec
-    return rigid.compile(), flexible_spine(rigid, (0.5, 0.3, 0.2)).compile()
+    return Character.load("humanoid").model, flexible_spine("humanoid", (0.5, 0.3, 0.2)).model
 
 
 def test_a_flexible_spine_is_the_rigid_one_at_rest() -> None:
     rigid, bent = flexible()
-    whole = []
+    whole: list[tuple[np.ndarray, ...]] = []
     for model, names in ((rigid, ["torso"]), (bent, ["lower_back", "middle_back", "chest"])):
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
@@ -410,7 +412,9 @@ def test_a_flexible_spine_says_its_shares() -> None:
     spine = old.index("spine")
     assert names == [
         *old[:spine],
-        *("spine_lower", "spine_middle", "spine_upper"),
+        "spine_lower",
+        "spine_middle",
+        "spine_upper",
         *old[spine + 1 :],
     ]
     box = Character.of(rigid).limits.boxes[rigid.joint("spine").id]
@@ -430,13 +434,11 @@ def test_a_flexible_spine_keeps_what_refers_to_the_rest() -> None:
         objtype=mujoco.mjtObj.mjOBJ_JOINT,
         objname="left_elbow",
     )
-    model = flexible_spine(spec).compile()
+    model = flexible_spine(spec).model
     assert model.nexclude == 1 and model.nsensor == 1
     assert model.sensor_objid[0] == model.joint("left_elbow").id
     # And one of other proportions can be made from it, its parts told as before.
-    tall = make_character(
-        flexible_spine(Character.load("humanoid").spec), Proportions(torso=1.5)
-    ).model
+    tall = make_character(flexible_spine("humanoid"), Proportions(torso=1.5)).model
     assert len(find_parts(tall).trunk) == 4
     assert tall.body("middle_back").pos[2] == pytest.approx(1.5 * model.body("middle_back").pos[2])
 
@@ -444,7 +446,7 @@ def test_a_flexible_spine_keeps_what_refers_to_the_rest() -> None:
 @pytest.mark.parametrize("shares", [(0.5, 0.5), (0.5, 0.6, 0.2), (1.2, -0.1, -0.1)])
 def test_shares_that_make_no_spine_are_refused(shares: tuple[float, ...]) -> None:
     with pytest.raises(ModelError, match="shares"):
-        flexible_spine(Character.load("humanoid").spec, shares)
+        flexible_spine("humanoid", shares)
 
 
 def test_a_spine_that_is_no_ball_is_refused() -> None:
@@ -453,12 +455,7 @@ def test_a_spine_that_is_no_ball_is_refused() -> None:
 
 
 def run(*words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "mjmotion", "character", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    return command_line.run("character", *words)
 
 
 def test_the_command_offers_every_proportion() -> None:

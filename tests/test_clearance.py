@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import functools
-
 import mujoco
 import numpy as np
 import pytest
-from made_up import humanoid, walk
+from made_up import character, humanoid, walk
 
-from mjmotion.body.assets import find_asset
-from mjmotion.body.character import Character
 from mjmotion.body.kinematics import character_geoms
 from mjmotion.footsteps.obstacles import (
     MARGIN,
@@ -32,17 +28,12 @@ def compiled(body: str, assets: str = "") -> mujoco.MjModel:
     )
 
 
-@functools.cache
-def character() -> mujoco.MjSpec:
-    return mujoco.MjSpec.from_file(str(find_asset("model", "humanoid")))
-
-
 PATH = np.column_stack((np.linspace(0.0, 2.0, 31), np.zeros(31), np.full(31, 0.9)))
 
 
 def clearance(body: str, nframe: int = 40, path: np.ndarray = PATH) -> ObstacleClearance:
     obstacles = find_obstacles(compiled(body), path, ())
-    return ObstacleClearance(character(), obstacles, Character.of(humanoid()).feet, nframe)
+    return ObstacleClearance(character(), obstacles, nframe)
 
 
 def standing(*x: float, z: float | None = None) -> np.ndarray:
@@ -130,11 +121,11 @@ def test_only_the_frames_that_lack() -> None:
 def test_distances_are_mujocos() -> None:
     """A kerb against shins and knees: the least of all geoms, measured in a model of both."""
     kerb = '<geom name="kerb" type="box" size=".1 1 .2" pos="1 0 .2"/>'
-    spec = character().copy()
+    spec = character().spec.copy()
     box = spec.worldbody.add_geom(name="kerb", size=(0.1, 1.0, 0.2), pos=(1.0, 0.0, 0.2))
     box.type = mujoco.mjtGeom.mjGEOM_BOX
     model = spec.compile()
-    data, feet = mujoco.MjData(model), {foot.body for foot in Character.of(humanoid()).feet}
+    data, feet = mujoco.MjData(model), {foot.body for foot in character().feet}
     solids = [g for g in character_geoms(model, colliding=True) if model.geom_bodyid[g] not in feet]
     keep = clearance(kerb)
     places = (0.83, 0.85, 0.87, 0.90)

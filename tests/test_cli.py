@@ -188,11 +188,10 @@ def test_all_options_are_taken(walk: Path, result: Path, tmp_path: Path) -> None
     out = tmp_path / "out"
     wishes = tmp_path / "wishes.yaml"
     wishes.write_text("- {site: left_hand, frames: [40, 44], position: [1.0, 0.3, 1.0]}\n", "utf-8")
-    done = run(
-        *("adapt", walk, "--scene", "stairs", "--out", out, "--no-video"),
-        *("--contacts", result / "contacts.json", "--constraints", wishes),
-        *("--levels", "8,4", "--tolerance", "0.5", "--ik", "numeric", "--character", "humanoid"),
-    )
+    given = ("--contacts", result / "contacts.json", "--constraints", wishes)
+    settings = ("--levels", "8,4", "--tolerance", "0.5", "--ik", "numeric")
+    words = (*given, *settings, "--character", "humanoid")
+    done = run("adapt", walk, "--scene", "stairs", "--out", out, "--no-video", *words)
     assert done.returncode in (0, 1), done.stderr
     again = json.loads((out / "contacts.json").read_text("utf-8"))
     assert again == json.loads((result / "contacts.json").read_text("utf-8"))
@@ -244,10 +243,7 @@ def test_render_a_result_and_a_motion_file(result: Path, tmp_path: Path) -> None
     assert run("render", result, "--out", video, "--size", "192x128").returncode == 2
     one, short = tmp_path / "one.mp4", tmp_path / "short.npz"
     cut(read_results(result).motion, 8).save(short)
-    done = run(
-        *("render", short, "--model", result / "model.xml"),
-        *("--out", one, "--size", "128x128"),
-    )
+    done = run("render", short, "--model", result / "model.xml", "--out", one, "--size", "128x128")
     assert done.returncode == 0, done.stderr
     assert one.is_file()
 

@@ -43,7 +43,7 @@ def test_it_is_a_climb() -> None:
     on = held()
     assert all(on[hand][0] for hand in HANDS)  # it starts from a hang by both hands
     assert not any(on[foot][0] for foot in FEET)
-    holding = sum(mask.astype(int) for mask in on.values())
+    holding = np.sum([mask.astype(int) for mask in on.values()], axis=0)
     assert holding.min() >= 2  # the feet go while both hands hold, a hand while all else does
     assert (on["left_hand"] | on["right_hand"]).all()
     assert (on["left_foot"] == on["right_foot"]).all()

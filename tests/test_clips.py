@@ -15,10 +15,10 @@ from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
 from mjmotion.clips import find_rig, load_clip, map_clip, read_clip, write_csv
 from mjmotion.clips.bvh import read_bvh
-from mjmotion.clips.frames import drop_rest_frame, mend_glitches
+from mjmotion.clips.foot_planting import smooth_correction
 from mjmotion.clips.mapping import Mapped, bend_leg
-from mjmotion.clips.recorded_feet import carry
 from mjmotion.clips.skeleton import Clip, axis_rotations, pose_skeleton
+from mjmotion.clips.upright import drop_rest_frame, mend_glitches
 from mjmotion.exceptions import ClipError
 from mjmotion.numerics import rotations as rot
 
@@ -328,11 +328,9 @@ def figure(kind: str, nframe: int = 30, scale: float = 1.0, axes: np.ndarray | N
     names = PARTS[kind].split("|")
     places, parents = list(PLACE * scale), list(PARENT)
     for index in (1, 2, 3, 4, 8, 9, 10):
-        parent = PARENT[index]
+        above = PARENT[index]
         names.append(other_side(names[index]))
-        parents.append(
-            names.index(other_side(names[parent])) if parent in (1, 2, 3, 8, 9) else parent
-        )
+        parents.append(names.index(other_side(names[above])) if above in (1, 2, 3, 8, 9) else above)
         places.append(PLACE[index] * scale * (-1, 1, 1))
     place, parent = np.array(places), np.array(parents)
     offsets = place - np.where((parent < 0)[:, None], 0, place[parent])
@@ -467,11 +465,11 @@ def test_leg_reaches_its_ankle() -> None:
     assert (rot.dot(axis, normal) > 0).all()
 
 
-def test_carry_follows_where_it_counts() -> None:
+def test_correction_follows_where_it_counts() -> None:
     time = np.arange(240) / 120
     values = np.stack([np.sin(4 * time), 0 * time + 1], axis=1)
     weight = (time < 0.5).astype(float)
-    curve = carry(values, weight, 120)
+    curve = smooth_correction(values, weight, 120)
     assert np.abs(curve - values)[:40].max() < 1e-3
     assert np.abs(curve[-30:]).max() < 0.05
     assert np.abs(np.diff(curve, 3, axis=0)).max() < 0.01
@@ -560,7 +558,7 @@ def test_bones_keep_their_directions(name: str, mapped: Callable[[str], Mapped])
     clip, _ = mend_glitches(clip.cut(clip.nframe - motion.nframe, clip.nframe))
     rig = find_rig(clip)
     data = mujoco.MjData(motion.model)
-    ours = {"arm": [], "thigh": []}
+    ours: dict[str, list[np.ndarray]] = {"arm": [], "thigh": []}
     pairs = {"arm": ("left_upper_arm", "left_forearm"), "thigh": ("left_thigh", "left_shank")}
     for qpos in motion.qpos:
         data.qpos[:] = qpos

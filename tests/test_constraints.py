@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up import humanoid
+from made_up import humanoid, of_site
 from scipy.spatial.transform import Rotation
 
 from mjmotion.constraints import (
+    Constraint,
     LookAt,
     RelativeConstraint,
     SiteConstraint,
@@ -59,7 +60,8 @@ def write(folder: Path, text: str, name: str = "constraints.yaml") -> Path:
     return path
 
 
-def check(first: SiteConstraint, second: SiteConstraint, third: SiteConstraint) -> None:
+def check(*constraints: Constraint) -> None:
+    first, second, third = (of_site(one) for one in constraints)
     assert (first.site, first.weight, first.quat) == ("left_hand", 0.5, None)
     np.testing.assert_array_equal(first.frames, range(10, 14))
     np.testing.assert_array_equal(first.position, np.tile((1.2, 0.4, 1.1), (4, 1)))
@@ -81,7 +83,7 @@ def test_yaml_and_json_read_the_same(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["yaml", "json"])
 def test_every_kind_is_read(kind: str, tmp_path: Path) -> None:
-    """A hand on the hip, one in the other hand, two gazes and a foothold that is free."""
+    """A hand on the hip, one in the other hand, two look-ats and a foothold that is free."""
     import yaml
 
     text = OTHER_KINDS if kind == "yaml" else json.dumps(yaml.safe_load(OTHER_KINDS))

@@ -53,7 +53,8 @@ def tiny_walk(fps: float, seconds: float = 4.0, ground: float = 0.0, noise: floa
     time = np.arange(round(seconds * fps) + 1) / fps
     tracks = [np.column_stack(foot_track(time, phase)[:2]) for phase in (-0.3, -0.3 + STEP_TIME)]
     rng = np.random.default_rng(0)
-    return motion(*(track + noise * rng.normal(size=track.shape) for track in tracks), fps, ground)
+    left, right = (track + noise * rng.normal(size=track.shape) for track in tracks)
+    return motion(left, right, fps, ground)
 
 
 def true_spans(seconds: float, phase: float) -> list[tuple[float, float]]:

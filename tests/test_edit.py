@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import command_line
 import numpy as np
 import pytest
-from made_up import MIXED, humanoid, loop_quats, loop_sites, mixed, walk
+from made_up import MIXED, humanoid, loop_quats, loop_sites, mixed, some, walk
 
-from mjmotion.apps.edit import HOLDS, Span, deformation, edit_frame
+from mjmotion.apps.edit import HOLDS, Hold, Span, deformation, edit_frame
 from mjmotion.apps.edit.ranges import write_ranges
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ConstraintError, ContactError, FitError, ModelError
@@ -27,14 +28,30 @@ SINK = (0.0, 0.0, -0.15)
 FEET = ("left_heel", "left_toe", "right_heel", "right_toe")
 
 
-@pytest.fixture(scope="module")
-def clip() -> Motion:
+@functools.cache
+def the_walk() -> Motion:
     return walk()
 
 
 @pytest.fixture(scope="module")
+def clip() -> Motion:
+    return the_walk()
+
+
+def halved(first: float, count: int = 4) -> tuple[float, ...]:
+    """So many levels, each with knots half as far apart, none below a frame a knot."""
+    levels = (first / 2**level for level in range(count))
+    return tuple(frames_per_knot for frames_per_knot in levels if frames_per_knot >= 1.0)
+
+
+@functools.cache
+def pelvis_sunk(first: int, count: int = 4) -> Result:
+    return edit_frame(the_walk(), FRAME, "pelvis", by=SINK, levels=halved(first, count))
+
+
+@pytest.fixture(scope="module")
 def sunk(clip: Motion) -> Result:
-    return edit_frame(clip, FRAME, "pelvis", by=SINK, spacing=12)
+    return pelvis_sunk(12)
 
 
 def changed(edited: Result) -> list[int]:
@@ -50,34 +67,35 @@ def site(motion: Motion, name: str) -> np.ndarray:
 # The range
 
 
-@pytest.mark.parametrize("spacing", [4, 6, 12])
-def test_exactly_the_frames_within_seven_knots_change(clip: Motion, spacing: int) -> None:
-    edited = edit_frame(clip, FRAME, "pelvis", by=SINK, spacing=spacing)
-    knots = Span(FRAME, spacing, clip.nframe).knots
+@pytest.mark.parametrize("first", [4, 6, 12])
+def test_exactly_the_frames_within_seven_knots_change(clip: Motion, first: int) -> None:
+    edited = pelvis_sunk(first)
+    knots = Span(FRAME, first, clip.nframe).knots
     assert len(knots) == 7 and knots[3] == FRAME
     # The outermost knots are where the change begins and ends: they stay themselves.
     assert changed(edited) == list(range(knots[0] + 1, knots[-1]))
     assert (edited.source.qpos == clip.qpos).all()
 
 
-def test_the_range_grows_with_the_knots_and_not_with_the_levels(clip: Motion) -> None:
-    lengths = [
-        len(changed(edit_frame(clip, FRAME, "pelvis", by=SINK, spacing=spacing, levels=levels)))
-        for spacing in (4, 6, 12)
-        for levels in (1, 4)
-    ]
+def test_the_range_grows_with_the_knots_and_not_with_the_levels() -> None:
+    lengths = [len(changed(pelvis_sunk(first, count))) for first in (4, 6, 12) for count in (1, 4)]
     assert lengths == [23, 23, 35, 35, 71, 71]
 
 
+def test_default_levels_are_twelve_frames_a_knot_and_halves(clip: Motion, sunk: Result) -> None:
+    again = edit_frame(clip, FRAME, "pelvis", by=SINK)
+    np.testing.assert_array_equal(again.motion.qpos, sunk.motion.qpos)
+
+
 @pytest.mark.parametrize("hold", HOLDS)
-def test_the_range_is_the_same_whatever_is_held(clip: Motion, hold: str) -> None:
-    edited = edit_frame(clip, FRAME, "pelvis", by=SINK, spacing=6, hold=hold)  # type: ignore[arg-type]
+def test_the_range_is_the_same_whatever_is_held(clip: Motion, hold: Hold) -> None:
+    edited = edit_frame(clip, FRAME, "pelvis", by=SINK, levels=halved(6), hold=hold)
     assert changed(edited) == list(range(FRAME - 17, FRAME + 18))
 
 
 @pytest.mark.parametrize("frame", [0, 3, 88, 90])
 def test_near_an_end_the_clip_cuts_the_range(clip: Motion, frame: int) -> None:
-    edited = edit_frame(clip, frame, "pelvis", by=(0.0, 0.0, -0.05), spacing=4)
+    edited = edit_frame(clip, frame, "pelvis", by=(0.0, 0.0, -0.05), levels=halved(4))
     assert changed(edited) == list(range(max(0, frame - 11), min(clip.nframe, frame + 12)))
     assert np.linalg.norm(site(edited.motion, "pelvis")[frame] - site(clip, "pelvis")[frame]) > 0.04
 
@@ -164,12 +182,12 @@ def test_contacts_hold_what_stands_and_let_the_other_foot_sink(clip: Motion) -> 
 
 def test_two_sites_at_once_bend_the_body_forward(clip: Motion) -> None:
     by = np.array([SINK, (0.32, 0.0, -0.29)])
-    edited = edit_frame(clip, FRAME, ["pelvis", "head_top"], by=by, spacing=6)
+    edited = edit_frame(clip, FRAME, ["pelvis", "head_top"], by=by, levels=halved(6))
     for name, wanted in zip(("pelvis", "head_top"), by, strict=True):
         gap = site(edited.motion, name)[FRAME] - site(edited.source, name)[FRAME]
         np.testing.assert_allclose(gap, wanted, atol=1e-6)
     there = site(clip, "pelvis")[FRAME] + SINK
-    again = edit_frame(clip, FRAME, "pelvis", to=there, spacing=6)
+    again = edit_frame(clip, FRAME, "pelvis", to=there, levels=halved(6))
     np.testing.assert_allclose(site(again.motion, "pelvis")[FRAME], there, atol=1e-6)
 
 
@@ -177,7 +195,7 @@ def test_a_lifted_foot_no_longer_stands_and_stands_again_later(clip: Motion) -> 
     frame = 30
     stands = {c.site: c for c in detect_contacts(clip) if c.start <= frame < c.end}
     side = next(iter(stands)).split("_")[0]
-    edited = edit_frame(clip, frame, f"{side}_foot", by=(0.0, 0.0, 0.1), spacing=4)
+    edited = edit_frame(clip, frame, f"{side}_foot", by=(0.0, 0.0, 0.1), levels=halved(4))
     np.testing.assert_allclose(
         site(edited.motion, f"{side}_foot")[frame],
         site(clip, f"{side}_foot")[frame] + (0, 0, 0.1),
@@ -189,7 +207,7 @@ def test_a_lifted_foot_no_longer_stands_and_stands_again_later(clip: Motion) -> 
 
 @pytest.mark.parametrize("by", [(0.0, 0.0, 0.5), (0.0, 0.0, -0.9)])
 def test_a_drag_out_of_reach_goes_as_far_as_the_feet_let_it(clip: Motion, by: tuple) -> None:
-    edited = edit_frame(clip, FRAME, "pelvis", by=by, spacing=6)
+    edited = edit_frame(clip, FRAME, "pelvis", by=by, levels=halved(6))
     moved = site(edited.motion, "pelvis")[FRAME] - site(edited.source, "pelvis")[FRAME]
     assert 0.0 < moved @ by / (np.linalg.norm(by) ** 2) < 0.9
     (missed,) = [one for one in edited.unmet if one.constraint == "position of pelvis"]
@@ -203,11 +221,12 @@ def test_a_drag_out_of_reach_goes_as_far_as_the_feet_let_it(clip: Motion, by: tu
 
 
 def test_levels_refine(sunk: Result) -> None:
-    errors = [level.max_error_percent for level in sunk.trace.levels]
-    assert [level.frames_per_knot for level in sunk.trace.levels][:4] == [12.0, 6.0, 3.0, 1.5]
+    trace = some(sunk.trace)
+    errors = [level.max_error_percent for level in trace.levels]
+    assert [level.frames_per_knot for level in trace.levels][:4] == [12.0, 6.0, 3.0, 1.5]
     assert errors[3] < errors[2] < errors[1] < errors[0]
-    assert sunk.trace.first_error_percent == pytest.approx(100 * 0.15 / 1.75, rel=0.02)
-    assert sunk.trace.exact_error_percent < 1e-3
+    assert trace.first_error_percent == pytest.approx(100 * 0.15 / 1.75, rel=0.02)
+    assert trace.exact_error_percent < 1e-3
 
 
 def test_jerk_stays_as_it_was(sunk: Result) -> None:
@@ -219,19 +238,16 @@ def test_jerk_stays_as_it_was(sunk: Result) -> None:
 
 def test_the_argument_stays(clip: Motion) -> None:
     before = clip.qpos.copy()
-    edit_frame(clip, FRAME, "left_hand", by=(0.1, 0.0, 0.2), spacing=4)
+    edit_frame(clip, FRAME, "left_hand", by=(0.1, 0.0, 0.2), levels=halved(4))
     assert (clip.qpos == before).all()
 
 
 def test_any_tree_with_a_free_root_can_be_edited(tmp_path: Path) -> None:
     path = tmp_path / "mixed.xml"
     path.write_text(MIXED, "utf-8")
-    model = mixed()
-    motion = Motion(model, np.tile(model.qpos0, (40, 1)), 30.0)
+    motion = Motion(path, np.tile(mixed().qpos0, (40, 1)), 30.0)
     held = (Contact("tip", 0, 40),)
-    edited = edit_frame(
-        motion, 20, "other", by=(0.02, 0.0, 0.03), spacing=4, contacts=held, character=path
-    )
+    edited = edit_frame(motion, 20, "other", by=(0.02, 0.0, 0.03), levels=halved(4), contacts=held)
     assert changed(edited) == list(range(9, 32))
     gap = site(edited.motion, "other")[20] - site(motion, "other")[20]
     np.testing.assert_allclose(gap, (0.02, 0.0, 0.03), atol=1e-4)
@@ -245,9 +261,12 @@ def test_any_tree_with_a_free_root_can_be_edited(tmp_path: Path) -> None:
     [
         ({"frame": 91}, FitError, "0 to 90"),
         ({"frame": -1}, FitError, "0 to 90"),
-        ({"spacing": 0}, FitError, "spacing 0"),
-        ({"spacing": 2.5}, FitError, "spacing 2.5"),
-        ({"levels": 0}, FitError, "levels 0"),
+        ({"levels": (0,)}, FitError, r"levels \[0.0\] must be positive"),
+        ({"levels": (2.5, 1.0)}, FitError, r"\[2.5, 1.0\] .* begin with a whole number"),
+        ({"levels": (4, 0.5)}, FitError, "none may be below 1"),
+        ({"levels": (4, 8)}, FitError, "coarse to fine"),
+        ({"levels": ()}, FitError, "levels is empty"),
+        ({"levels": 4}, FitError, "levels 4 must be frames a knot of each level"),
         ({"hold": "fest"}, FitError, "feet"),
         ({"site": "plevis"}, ModelError, "pelvis"),
         ({"site": []}, ConstraintError, "none"),
@@ -270,20 +289,15 @@ def test_bad_edits(clip: Motion, change: dict, error: type[Exception], words: st
 # The plot and the command
 
 
-def test_the_plot_shows_every_spacing(clip: Motion, tmp_path: Path) -> None:
-    edits = {s: edit_frame(clip, FRAME, "pelvis", by=SINK, spacing=s) for s in (4, 12)}
+def test_the_plot_shows_every_first_level(tmp_path: Path) -> None:
+    edits = {first: pelvis_sunk(first) for first in (4, 12)}
     path = write_ranges(tmp_path / "edit.svg", edits, FRAME)
     text = path.read_text("utf-8")
     assert text.lstrip().startswith("<?xml") and text.count('id="axes_') == 2
 
 
 def run(*words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "mjmotion", "edit-frame", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    return command_line.run("edit-frame", *words)
 
 
 @pytest.fixture(scope="module")
@@ -294,7 +308,7 @@ def file(clip: Motion, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_command_writes_a_result_with_a_plot(file: Path, tmp_path: Path) -> None:
-    words = ("--frame", FRAME, "--site", "pelvis", "--by", 0, 0, -0.1, "--spacing", 6)
+    words = ("--frame", FRAME, "--site", "pelvis", "--by", 0, 0, -0.1, "--levels", "6,3,1.5")
     done = run(file, *words, "--out", tmp_path / "out", "--no-video")
     assert done.returncode == 0, done.stderr
     assert f"35 frames change, {FRAME - 17} to {FRAME + 17}" in done.stdout
@@ -303,11 +317,10 @@ def test_the_command_writes_a_result_with_a_plot(file: Path, tmp_path: Path) -> 
     moved = np.flatnonzero((results.motion.qpos != results.source.qpos).any(axis=1))
     assert (moved[0], moved[-1]) == (FRAME - 17, FRAME + 17)
     # A result can be edited again: it brings its own model and contacts.
-    again = ("--frame", 20, "--site", "left_hand", "--by", 0, 0.1, 0.1, "--site", "pelvis")
-    done = run(
-        *(tmp_path / "out", *again, "--by", 0, 0, -0.05),
-        *("--spacing", 12, "--out", tmp_path / "again", "--no-video"),
-    )
+    hand = ("--site", "left_hand", "--by", 0, 0.1, 0.1)
+    pelvis = ("--site", "pelvis", "--by", 0, 0, -0.05)
+    again = ("--frame", 20, *hand, *pelvis, "--levels", "12,6,3,1.5")
+    done = run(tmp_path / "out", *again, "--out", tmp_path / "again", "--no-video")
     assert done.returncode == 0, done.stderr
     second = read_results(tmp_path / "again")
     assert (second.source.qpos == results.motion.qpos).all()
@@ -362,7 +375,7 @@ def test_only_what_the_clip_breaks_by_itself_is_not_judged(
         (("--site", "pelvis", "--by", 0, 0, 1, "--to", 0, 0, 1, "--frame", 4), "1 sites and 2"),
         (("--site", "pelvis", "--by", 0, 0, "x", "--frame", 4), "'x'"),
         (("--site", "pelvis", "--by", 0, 0, 1, "--frame", -4), "-4"),
-        (("--site", "pelvis", "--by", 0, 0, 1, "--frame", 4, "--spacing", 0), "'0'"),
+        (("--site", "pelvis", "--by", 0, 0, 1, "--frame", 4, "--levels", 0), "'0'"),
     ],
 )
 def test_bad_words(file: Path, tmp_path: Path, words: tuple, said: str) -> None:

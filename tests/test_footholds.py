@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from made_up import humanoid, loop_sites, mixed, walk
+from made_up import character, humanoid, loop_sites, mixed, walk
 
 from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics
@@ -24,7 +24,7 @@ SOLE = (-0.058, 0.197)  # from heel to toe [m]
 
 def scene(body: str, assets: str = "") -> Ground:
     xml = f"<mujoco><asset>{assets}</asset><worldbody>{body}</worldbody></mujoco>"
-    return Ground(Scene.from_spec(mujoco.MjSpec.from_string(xml)))
+    return Scene.from_spec(mujoco.MjSpec.from_string(xml)).ground
 
 
 PLANE = '<geom type="plane" size="9 9 .1" pos="0 0 {height}"/>'
@@ -36,11 +36,11 @@ def stance(x: float, y: float = 0.0, yaw: float = 0.0, foot: int = 0) -> Stance:
 
 
 def put(ground: Ground, *stances: Stance, start: float = 0.0) -> tuple[Foothold, ...]:
-    return find_footholds(stances, Character.of(humanoid()).feet, ground, start)
+    return find_footholds(stances, character().feet, ground, start)
 
 
 def test_feet_of_the_humanoid() -> None:
-    feet = Character.of(humanoid()).feet
+    feet = character().feet
     assert [foot.side for foot in feet] == ["left", "right"]
     for foot in feet:
         assert humanoid().body(foot.body).name == f"{foot.side}_foot"
@@ -56,10 +56,10 @@ def test_feet_of_the_humanoid() -> None:
 
 def test_models_without_feet() -> None:
     with pytest.raises(ModelError, match="no feet"):
-        Character.of(mixed()).feet
+        _ = Character.of(mixed()).feet
     half = '<mujoco><worldbody><body><freejoint/><geom size=".1"/><site name="a_heel"/></body>'
     with pytest.raises(ModelError, match="a_toe"):
-        Character.of(mujoco.MjModel.from_xml_string(half + "</worldbody></mujoco>")).feet
+        _ = Character.of(mujoco.MjModel.from_xml_string(half + "</worldbody></mujoco>")).feet
 
 
 @pytest.mark.parametrize("height", [0.0, 0.3, -0.8])
@@ -100,7 +100,7 @@ def box(low: float, high: float, top: float, name: str = "box") -> str:
 
 
 def sole_points(hold: Foothold, index: int = 0) -> np.ndarray:
-    foot = Character.of(humanoid()).feet[index]
+    foot = character().feet[index]
     return hold.position + rotate(hold.quat, foot.sole)
 
 
@@ -186,7 +186,7 @@ def test_rough_ground_holds_the_sole_up() -> None:
     )
     spec.hfields[0].userdata = heights.ravel()
     low = float(heights.min())
-    ground = Ground(Scene.from_spec(spec))
+    ground = Scene.from_spec(spec).ground
     points = rng.uniform(-1.2, 1.2, (6, 2))
     truth, _ = ground.under(np.column_stack((points, np.full(6, 0.5))))
     assert np.ptp(truth) > 0.01 and np.isfinite(truth).all() and low < 0.1

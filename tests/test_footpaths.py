@@ -37,7 +37,7 @@ def clip(fps: float = 30.0) -> Motion:
 
 def paths_on(body: str, motion: Motion) -> tuple[list[FootPath], tuple[Contact, ...], Ground]:
     xml = f"<mujoco><worldbody>{body}</worldbody></mujoco>"
-    ground = Ground(Scene.from_spec(mujoco.MjSpec.from_string(xml)))
+    ground = Scene.from_spec(mujoco.MjSpec.from_string(xml)).ground
     contacts, feet = detect_contacts(motion), motion.character.feet
     pose = Kinematics(motion.model, motion.nframe).forward(motion.qpos)
     stances = find_stances(motion, pose, feet, contacts)

@@ -287,6 +287,9 @@ def test_the_papers_own_solver_refuses_a_free_target() -> None:
 def test_what_is_no_solver_is_refused() -> None:
     with pytest.raises(FitError, match=r"int without prepare\(\)"):
         fit(short(), [hand()], ik=3)  # type: ignore[arg-type]
+    other = NumericIK(make_character("humanoid", Proportions(legs=1.2)))
+    with pytest.raises(FitError, match="another body"):
+        fit(short(), [hand()], ik=other)
     with pytest.raises(FitError, match=r"hybird.*hybrid"):
         fit(short(), [hand()], ik="hybird")
 

@@ -12,7 +12,10 @@ MASS = 70.0
 SIDES = ("left", "right")
 LIMB = {"arm": ("shoulder", "elbow", "wrist"), "leg": ("hip", "knee", "ankle")}
 JOINTS = [
-    *("root", "spine", "neck", "head"),
+    "root",
+    "spine",
+    "neck",
+    "head",
     *(f"{side}_{joint}" for side in SIDES for joint in LIMB["arm"]),
     *(f"{side}_{joint}" for side in SIDES for joint in LIMB["leg"]),
 ]
@@ -59,7 +62,7 @@ def at(model: mujoco.MjModel, qpos: np.ndarray | None = None) -> mujoco.MjData:
     return data
 
 
-def turned(model: mujoco.MjModel, joint: str, turn: tuple[float, float, float]) -> mujoco.MjData:
+def turned(model: mujoco.MjModel, joint: str, turn: tuple[float, ...]) -> mujoco.MjData:
     """The pose with one ball joint (or the root) turned by a rotation vector [rad]."""
     dof = np.zeros(model.nv)
     address = model.jnt_dofadr[model.joint(joint).id] + (3 if joint == "root" else 0)
@@ -96,7 +99,7 @@ def lowest(model: mujoco.MjModel, data: mujoco.MjData, body: str) -> float:
     low = np.inf
     for geom in np.flatnonzero(model.geom_bodyid == model.body(body).id):
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-            low = min(low, vertices(model, data, geom)[:, 2].min())
+            low = min(low, vertices(model, data, int(geom))[:, 2].min())
         else:
             assert model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE
             low = min(low, data.geom_xpos[geom, 2] - model.geom_size[geom, 0])

@@ -15,7 +15,7 @@ from mjmotion.body.limbs import Limbs, find_limbs
 from mjmotion.constraints import SiteConstraint, Targets, lay_out
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK, least_deviation
-from mjmotion.ik.solver import Inequalities, default_rigidity
+from mjmotion.ik.solver import Deviation, IKSolver, Inequalities, default_rigidity
 from mjmotion.numerics.rotations import conjugate, exp, log, multiply
 from mjmotion.numerics.tangent import ominus, oplus
 from mjmotion.paper.conjugate_gradients import (
@@ -218,7 +218,7 @@ def test_swivelling_keeps_the_end_in_place() -> None:
         assert (knee > 0.02 * step).all()
 
 
-def one_foot(position: object) -> tuple[mujoco.MjModel, np.ndarray, Targets]:
+def one_foot(position: np.ndarray) -> tuple[mujoco.MjModel, np.ndarray, Targets]:
     """The humanoid at rest, knees a little bent, with its left foot wanted somewhere, level."""
     model = humanoid()
     qpos = model.qpos0[None].copy()
@@ -240,7 +240,7 @@ def test_out_of_reach_a_leg_stretches_as_far_as_it_goes(way: tuple[float, ...]) 
 
 
 def test_too_near_a_knee_bends_to_its_limit() -> None:
-    model, qpos, targets = one_foot((0.0, 0.09, HIP - 0.1 - SOLE))
+    model, qpos, targets = one_foot(np.array((0.0, 0.09, HIP - 0.1 - SOLE)))
     found = oplus(model, qpos, HybridIK(model).prepare(targets).enforce(qpos).displacement)
     knee = model.joint("left_knee")
     assert found[0, knee.qposadr[0]] == pytest.approx(model.jnt_range[knee.id, 1])
@@ -264,6 +264,13 @@ def test_at_the_edge_of_reach_nothing_jumps() -> None:
 SOLVERS = {"numeric": NumericIK, "hybrid": HybridIK, "conjugate gradients": ConjugateGradientIK}
 
 
+def rough(name: str) -> IKSolver:
+    """A solver for what does not depend on how far it goes: one round of conjugate gradients."""
+    if name == "conjugate gradients":
+        return ConjugateGradientIK(humanoid(), penalties=(1e3,))
+    return SOLVERS[name](humanoid())
+
+
 @pytest.mark.parametrize("name", sorted(SOLVERS))
 def test_satisfied_constraints_give_no_displacement(name: str) -> None:
     model, qpos = humanoid(), poses(humanoid(), 5, 10)
@@ -279,7 +286,7 @@ def test_satisfied_constraints_give_no_displacement(name: str) -> None:
 def test_arguments_stay_and_calls_do_not_remember(name: str) -> None:
     model, qpos = humanoid(), poses(humanoid(), 2, 11)
     targets, other = moved_feet(qpos, 12, 0.01), moved_feet(qpos, 13, 0.02)
-    kept, solver = qpos.copy(), SOLVERS[name](model)
+    kept, solver = qpos.copy(), rough(name)
     first = solver.prepare(targets).solve(qpos)
     solver.prepare(other).solve(qpos)
     np.testing.assert_array_equal(
@@ -290,9 +297,44 @@ def test_arguments_stay_and_calls_do_not_remember(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(SOLVERS))
+def test_problems_of_one_solver_are_independent(name: str) -> None:
+    """Two are prepared before either is solved: each holds its own targets, none the other's."""
+    model, qpos = humanoid(), poses(humanoid(), 1, 11)
+    targets, other = moved_feet(qpos, 12, 0.01), moved_feet(qpos, 13, 0.02)
+    solver = rough(name)
+    one, two = solver.prepare(targets), solver.prepare(other)
+    for problem, mine, its in ((two, other, targets), (one, targets, other)):
+        alone = rough(name).prepare(mine)
+        solved, closed = problem.solve(qpos), problem.enforce(qpos)
+        np.testing.assert_array_equal(solved.displacement, alone.solve(qpos).displacement)
+        np.testing.assert_array_equal(closed.displacement, alone.enforce(qpos).displacement)
+        assert solved.error.max() == pytest.approx(gaps(model, qpos, mine)[0], abs=1e-12)
+        moved = oplus(model, qpos, closed.displacement)
+        assert 5.0 * gaps(model, moved, mine)[0] < gaps(model, moved, its)[0]
+
+
+@pytest.mark.parametrize("name", sorted(SOLVERS))
+def test_an_array_changed_in_place_between_two_solves_is_seen(name: str) -> None:
+    """Nothing is remembered by which array it came in."""
+    model, qpos = humanoid(), poses(humanoid(), 1, 11)
+    targets, rng = moved_feet(qpos, 12, 0.01), np.random.default_rng(36)
+    later = oplus(model, qpos, 0.02 * rng.normal(size=(1, model.nv)))
+    problem, given = rough(name).prepare(targets), qpos.copy()
+    for call in (problem.solve, problem.enforce):
+        given[:] = qpos
+        first = call(given)
+        given[:] = later
+        second = call(given)
+        alone = getattr(rough(name).prepare(targets), call.__name__)(later)
+        np.testing.assert_array_equal(second.displacement, alone.displacement)
+        np.testing.assert_array_equal(second.error, alone.error)
+        assert np.abs(second.displacement - first.displacement).max() > 0.01  # [rad]
+
+
+@pytest.mark.parametrize("name", sorted(SOLVERS))
 def test_frames_do_not_know_of_each_other(name: str) -> None:
-    model, qpos = humanoid(), poses(humanoid(), 3, 14)
-    targets, solver = moved_feet(qpos, 15, 0.01), SOLVERS[name](model)
+    qpos = poses(humanoid(), 3, 14)
+    targets, solver = moved_feet(qpos, 15, 0.01), rough(name)
     together = solver.prepare(targets).solve(qpos).displacement
     for row in (0, 2):
         alone = solver.prepare(targets.at(np.array([row]))).solve(qpos[[row]]).displacement
@@ -577,30 +619,61 @@ def toes_down(model: mujoco.MjModel, nframe: int) -> tuple[np.ndarray, Targets]:
     return qpos, lay_out(raised, model, nframe)
 
 
-def test_joints_at_their_edges_are_held_from_call_to_call() -> None:
+def test_joints_at_their_edges_are_held_from_level_to_level() -> None:
     """With a deviation to keep least, what would leave its range is held, and the body gives."""
     model = humanoid()
     guess, targets = toes_down(model, 2)
-    held, loose = HybridIK(model), HybridIK(model)
+    problem, limits = HybridIK(model).prepare(targets), Character.of(model).limits
     over: dict[str, list[float]] = {"held": [], "loose": []}
-    for name, solver in (("held", held), ("loose", loose)):
-        moved = guess
+    for name, excess in over.items():
+        moved, last = guess, None
         for _ in range(8):
-            deviation = ominus(model, moved, guess) if name == "held" else None
-            moved = oplus(
-                model, moved, solver.prepare(targets).solve(moved, deviation=deviation).displacement
-            )
-            over[name].append(float(Character.of(model).limits.excess(moved).max()))
+            so_far = Deviation(ominus(model, moved, guess), np.ones(2, dtype=bool))
+            last = problem.solve(moved, last, so_far if name == "held" else None)
+            moved = oplus(model, moved, last.displacement)
+            excess.append(float(limits.excess(moved).max()))
         assert gaps(model, moved, targets)[0] < 0.02
     assert over["loose"][-1] > 0.1 and over["held"][-1] < 1e-3
-    assert gaps(model, moved, targets)[0] < 0.02
-    # Frames that keep nothing (NaN) hold no edges, and are solved as without a deviation.
-    blank = np.full((2, model.nv), np.nan)
-    plain = HybridIK(model).prepare(targets).solve(guess).displacement
-    alone = HybridIK(model)
-    for _ in range(2):
-        again = alone.prepare(targets).solve(guess, deviation=blank).displacement
-        np.testing.assert_allclose(again, plain, atol=1e-12)
+
+
+def at_the_edge() -> tuple[np.ndarray, np.ndarray, Targets]:
+    """A guess, poses some levels on with ankles at the edge of their range, and their targets."""
+    model = humanoid()
+    guess, targets = toes_down(model, 2)
+    problem, moved, last = HybridIK(model).prepare(targets), guess, None
+    for _ in range(3):
+        deviation = Deviation(ominus(model, moved, guess), np.ones(2, dtype=bool))
+        last = problem.solve(moved, last, deviation)
+        moved = oplus(model, moved, last.displacement)
+    return guess, moved, targets
+
+
+def test_edges_are_handed_on_in_the_solution_and_nowhere_else() -> None:
+    """A level that is not given the one before begins anew, whatever its problem has solved."""
+    guess, moved, targets = at_the_edge()
+    deviation = Deviation(ominus(humanoid(), moved, guess), np.ones(2, dtype=bool))
+    problem = HybridIK(humanoid()).prepare(targets)
+    first = problem.solve(moved, deviation=deviation)
+    handed_on = problem.solve(moved, first, deviation).displacement
+    again = problem.solve(moved, deviation=deviation).displacement
+    np.testing.assert_array_equal(again, first.displacement)
+    assert np.abs(handed_on - again).max() > 1e-3  # [rad]
+
+
+@pytest.mark.parametrize("counts", [(False, False), (True, False)])
+def test_frames_whose_deviation_does_not_count_hold_no_edges(counts: tuple[bool, bool]) -> None:
+    """They are solved as without one, the others as if all counted."""
+    guess, moved, targets = at_the_edge()
+    problem, mask = HybridIK(humanoid()).prepare(targets), np.array(counts)
+    so_far = ominus(humanoid(), moved, guess)
+    whole = Deviation(so_far, np.ones(2, dtype=bool))
+    some_of_it = Deviation(so_far * mask[:, None], mask)
+    plain = problem.solve(moved).displacement
+    first, one = problem.solve(moved, None, whole), problem.solve(moved, None, some_of_it)
+    held = problem.solve(moved, first, whole).displacement
+    assert np.abs(held - first.displacement).max() > 1e-3  # [rad]: something is held
+    found = problem.solve(moved, one, some_of_it).displacement
+    np.testing.assert_allclose(found, np.where(mask[:, None], held, plain), atol=1e-12)
 
 
 def test_frames_that_inequalities_ask_are_told() -> None:
@@ -612,7 +685,7 @@ def test_frames_that_inequalities_ask_are_told() -> None:
     for solver in (NumericIK(model), HybridIK(model)):
         found = solver.prepare(targets, Ceiling(model, float(tops[1]) + 0.05)).solve(qpos)
         np.testing.assert_array_equal(found.pushed, [True, False, True])
-        assert not solver.prepare(targets).solve(qpos).pushed.any()
+        assert not some(solver.prepare(targets).solve(qpos).pushed).any()
 
 
 # The reference's own derivatives
@@ -637,14 +710,16 @@ def test_derivatives_of_rotations(size: float) -> None:
 @pytest.mark.parametrize("name", ["humanoid", "mixed"])
 def test_gradient_of_equation_6(name: str) -> None:
     """Positions, orientations, a ceiling and broken limits, against central differences."""
+    ceiling: Ceiling | None
     if name == "humanoid":
         model, qpos = humanoid(), poses(humanoid(), 1, 33)
         targets, ceiling = moved_feet(qpos, 34), Ceiling(humanoid(), 1.2)
     else:
-        text_model, qpos = mixed(), poses(mixed(), 1, 33)
-        model, ceiling = text_model, None
+        model, qpos, ceiling = mixed(), poses(mixed(), 1, 33), None
         targets = lay_out([pin(model, qpos, "tip", 0.1, weight=0.4)], model, 1)
-    objective = PenaltyObjective(model, qpos[0], targets, default_rigidity(model), ceiling)
+    objective = PenaltyObjective(
+        Character.of(model), qpos[0], targets, default_rigidity(model), ceiling
+    )
     x, h = 0.5 * np.random.default_rng(35).normal(size=model.nv), 1e-6
     value, gradient = objective(x, 100.0)
     slope = [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 import pytest
@@ -21,7 +23,7 @@ from mjmotion.body.kinematics import (
 from mjmotion.exceptions import ModelError
 from mjmotion.numerics.tangent import oplus
 
-MODELS = {"humanoid": humanoid, "mixed": mixed}
+MODELS: dict[str, Callable[[], mujoco.MjModel]] = {"humanoid": humanoid, "mixed": mixed}
 JACOBIAN = 1e-12  # against mj_jac, both exact [m/rad]
 DIFFERENCE = 1e-7  # against finite differences [m/rad]
 FIELDS = ("xpos", "xquat", "xmat", "site_xpos", "site_xmat", "xanchor", "xaxis")

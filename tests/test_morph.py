@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from made_up import STEP_TIME, foot_track, humanoid, mixed, random_poses, walk
+from made_up import STEP_TIME, foot_track, humanoid, mixed, random_poses, some, walk
 
 from mjmotion.apps.morph import MorphBody, morph
 from mjmotion.body.assets import find_asset
@@ -202,7 +202,7 @@ def test_keys_that_make_no_body(
 def test_footprints_and_timing_stay_those_of_the_walk() -> None:
     result = morphed()
     before = Kinematics(result.source.model, FRAMES).forward(result.source.qpos).site_xpos
-    after = body_poses(result.body, result.motion.qpos).site
+    after = body_poses(some(result.body), result.motion.qpos).site
     assert {contact.site for contact in result.contacts} == {
         f"{side}_{part}" for side in ("left", "right") for part in ("heel", "toe")
     }
@@ -227,7 +227,7 @@ def test_body_is_higher_on_long_legs_and_nothing_breaks() -> None:
 
 
 def test_levels_close_in_and_only_contacts_count() -> None:
-    trace = morphed().trace
+    trace = some(morphed().trace)
     errors = [level.max_error_percent for level in trace.levels]
     assert errors == sorted(errors, reverse=True) and errors[-1] < 0.2 * errors[0]
     assert trace.exact_error_percent < 0.01
@@ -250,7 +250,7 @@ def test_body_that_does_not_change_walks_as_before() -> None:
     result = morph(motion, [(20, humanoid())], contacts=stances(motion))
     # A leg never gets quite straight, which lowers the made-up walk by some millimetres.
     assert np.abs(result.motion.qpos - motion.qpos).max() < 0.03
-    assert result.trace.levels[0].max_error_percent < 0.1
+    assert some(result.trace).levels[0].max_error_percent < 0.1
 
 
 def test_larger_feet_stand_in_the_middle_of_their_footprints() -> None:
@@ -259,7 +259,7 @@ def test_larger_feet_stand_in_the_middle_of_their_footprints() -> None:
     figures = validate(result.source, result.motion, result.contacts, body=result.body)
     assert figures.metrics["stance_drift_mm"] < 0.1
     model = result.motion.model
-    sites = body_poses(result.body, result.motion.qpos).site
+    sites = body_poses(some(result.body), result.motion.qpos).site
     before = Kinematics(model, result.motion.nframe).forward(result.source.qpos).site_xpos
     heel, toe = (model.site(f"left_{part}").id for part in ("heel", "toe"))
     frame = 15
@@ -273,7 +273,7 @@ def test_larger_feet_stand_in_the_middle_of_their_footprints() -> None:
 def test_legs_too_short_for_the_stride_are_told() -> None:
     result = morph(walk(seconds=1.5), [(30, sized(legs=0.25))])
     assert result.unmet and all("foot" in one.constraint for one in result.unmet)
-    assert max(one.residual_mm for one in result.unmet) > 5.0
+    assert max(some(one.residual_mm) for one in result.unmet) > 5.0
     assert min(min(one.frames) for one in result.unmet) > 10, "long legs reach"
     assert np.isfinite(result.motion.qpos).all()
     assert result.motion.character.limits.excess(result.motion.qpos).max() < 1e-6
@@ -290,9 +290,9 @@ def test_the_papers_job() -> None:
     job = make_job()
     assert (job.nframe, job.ndof, job.nreduced, job.nscalar) == (62, 20, 8, 420)
     result = job.fit()
-    errors = [level.max_error_percent for level in result.trace.levels]
+    errors = [level.max_error_percent for level in some(result.trace).levels]
     assert len(errors) == 4 and all(np.array(errors) <= PAPER)
-    assert result.trace.exact_error_percent < 0.01 and result.trace.nscalar == 420
+    assert some(result.trace).exact_error_percent < 0.01 and some(result.trace).nscalar == 420
     assert job.body is not None
     figures = validate(job.motion, result.motion, job.contacts, body=job.body)
     assert figures.metrics["stance_drift_mm"] < 1.0
@@ -367,7 +367,10 @@ def test_pictures_show_each_frames_body() -> None:
     assert tall(last) > 1.15 * tall(first) > 40
     # The source keeps its body, frame after frame, though both share the driver's meshes.
     pair = render_frames(
-        *(motion, [0, 2, 0], 320, 240),
+        motion,
+        [0, 2, 0],
+        320,
+        240,
         source=source,
         body=changing,
         layout="side-by-side",
@@ -402,13 +405,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_folder_holds_the_body_and_is_measured_again(folder: Path) -> None:
     results = read_results(folder)
     assert results.body is not None
-    ours = body_poses(morphed().body, morphed().motion.qpos)
+    ours = body_poses(some(morphed().body), morphed().motion.qpos)
     theirs = body_poses(results.body, results.motion.qpos)
     assert np.allclose(ours.site, theirs.site, atol=1e-6)
     again = results.report()
     assert again.broken == [] and again.metrics["stance_drift_mm"] < 0.01
     report = json.loads((folder / "report.json").read_text("utf-8"))
-    assert len(report["levels"]) == len(morphed().trace.levels)
+    assert len(report["levels"]) == len(some(morphed().trace).levels)
     with pytest.raises(MotionError, match="whose body changes"):
         read_motion(folder)
     assert Character.of(folder / "model.xml").model.ngeom == results.model.ngeom

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from functools import cache
 from pathlib import Path
 
+import command_line
 import mujoco
 import numpy as np
 import pytest
-from made_up import humanoid, loop_quats, loop_sites, walk
+from made_up import character, humanoid, loop_quats, loop_sites, some, walk
 
 from mjmotion.apps.retarget import (
     check_span,
@@ -24,7 +24,7 @@ from mjmotion.apps.retarget import (
     retarget,
     with_soles,
 )
-from mjmotion.apps.retarget.rest import rest_of, world
+from mjmotion.apps.retarget.rest import RestBody, world
 from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.motion import Motion
@@ -34,6 +34,7 @@ from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import ConstraintError, ContactError, FitError, ModelError
 from mjmotion.footsteps.contacts import Contact, detect_contacts
 from mjmotion.numerics.rotations import exp, log
+from mjmotion.output.result import Result
 from mjmotion.scene import compose, load_scene, scene_of
 from mjmotion.validation import validate
 
@@ -43,8 +44,24 @@ NEEDS_G1 = pytest.mark.skipif(not G1.is_file(), reason="needs ../shared/robots/u
 
 
 @cache
-def body(name: str) -> mujoco.MjModel:
-    return Character.load(name).compile()
+def body(name: str | Path) -> Character:
+    return Character.load(name)
+
+
+@cache
+def recorded(name: str) -> Motion:
+    return load_clip(MOCAP / f"{name}.bvh")
+
+
+@cache
+def robot() -> Character:
+    return with_soles(body(G1))
+
+
+@cache
+def stepped(to: str, stride: str) -> Result:
+    """The first steps of the walk on another body."""
+    return retarget(steps(), to, stride=stride)
 
 
 @cache
@@ -67,13 +84,13 @@ def standing(frames: int = 40) -> Motion:
             qpos[:, at : at + 4] = exp(np.array((0.0, share * 0.6, 0.0)))
     low = loop_sites(model, qpos[:1])[0, model.site("left_foot").id, 2]
     qpos[:, 2] -= low
-    return Motion(model, qpos, 30.0)
+    return Motion(character(), qpos, 30.0)
 
 
 @pytest.mark.parametrize("stride", ["keep", "scale"])
 @pytest.mark.parametrize("to", ["climber", "child", "humanoid_flexible"])
 def test_steps_reach_every_figure_on_another_body(to: str, stride: str) -> None:
-    result = retarget(steps(), to, stride=stride)
+    result = stepped(to, stride)
     validation = validate(result.source, result.motion, result.contacts)
     assert validation.broken() == []
     assert validation.metrics["stance_drift_mm"] <= 1.0
@@ -86,7 +103,7 @@ def test_steps_reach_every_figure_on_another_body(to: str, stride: str) -> None:
 def test_recordings_reach_every_figure(clip: str, to: str, stride: str) -> None:
     if not MOCAP.is_dir():
         pytest.skip("needs ../shared/mocap")
-    result = retarget(load_clip(MOCAP / f"{clip}.bvh"), to, stride=stride)
+    result = retarget(recorded(clip), to, stride=stride)
     assert validate(result.source, result.motion, result.contacts).broken() == []
 
 
@@ -94,7 +111,7 @@ def test_recordings_reach_every_figure(clip: str, to: str, stride: str) -> None:
 def test_kept_strides_stand_where_they_stood(to: str) -> None:
     motion = steps()
     before = loop_sites(motion.model, motion.qpos)
-    result = retarget(motion, to)
+    result = stepped(to, "keep")
     after = loop_sites(result.motion.model, result.motion.qpos)
     for contact in result.contacts:
         side = contact.site.split("_")[0]
@@ -114,16 +131,17 @@ def test_kept_strides_stand_where_they_stood(to: str) -> None:
 def test_scaled_strides_are_as_much_longer_as_the_legs() -> None:
     motion = steps()
     for to in ("climber", "child"):
-        result = retarget(motion, to, stride="scale")
-        ratio = leg_ratio(motion.model, body(to))
+        result = stepped(to, "scale")
+        ratio = leg_ratio(motion.character, body(to))
         went, goes = (
             np.linalg.norm(m.qpos[-1, :2] - m.qpos[0, :2]) for m in (motion, result.motion)
         )
         assert goes == pytest.approx(ratio * went, rel=0.01)
         # Its joint angles fit the longer steps as they are: less is left to do than where feet
         # are to stand on the old spots.
-        kept = retarget(motion, to, stride="keep")
-        assert result.trace.first_error_percent < 0.7 * kept.trace.first_error_percent
+        kept = stepped(to, "keep")
+        first, others = (some(one.trace).first_error_percent for one in (result, kept))
+        assert first < 0.7 * others
 
 
 def test_a_body_like_the_source_moves_like_the_source() -> None:
@@ -136,7 +154,7 @@ def test_a_body_like_the_source_moves_like_the_source() -> None:
 def test_hips_are_as_much_higher_as_the_legs_are_longer() -> None:
     motion = standing()
     result = retarget(motion, "climber")
-    ratio = leg_ratio(motion.model, body("climber"))
+    ratio = leg_ratio(motion.character, body("climber"))
     np.testing.assert_allclose(
         mid_hips(result.source)[:, 2], ratio * mid_hips(motion)[:, 2], atol=2e-3
     )
@@ -185,18 +203,18 @@ def test_holds_that_no_pose_reaches_are_refused() -> None:
         ConstraintError, match=r"left_hand and left_foot hold places .* m apart"
     ) as error:
         check_span(
-            body("child"),
+            body("child").model,
             [
                 SiteConstraint("left_hand", np.arange(5, 9), np.array((0.0, 0.0, 1.9))),
                 SiteConstraint("left_foot", np.arange(7, 12), np.array((0.0, 0.0, 0.2))),
             ],
         )
     assert error.value.frames == (7, 8)
-    check_span(body("climber"), hold_constraints(motion, [Contact("left_hand", 0, 4)]))
+    check_span(body("climber").model, hold_constraints(motion, [Contact("left_hand", 0, 4)]))
 
 
 def test_a_spine_is_divided_and_put_together_again() -> None:
-    model, bent = humanoid(), body("humanoid_flexible")
+    model, bent = humanoid(), body("humanoid_flexible").model
     rng = np.random.default_rng(3)
     qpos = np.tile(model.qpos0, (5, 1))
     at = model.joint("spine").qposadr[0]
@@ -216,22 +234,21 @@ def test_a_spine_is_divided_and_put_together_again() -> None:
 
 
 def test_joints_that_mean_something_else_are_not_copied() -> None:
-    turned = Character.load("humanoid")
+    turned = body("humanoid").spec.copy()
     turned.body("left_shank").quat = (0.0, 0.0, 0.0, 1.0)
     with pytest.raises(ModelError, match="'left_knee' turns about other axes"):
-        copy_joints(standing(), turned.compile())
+        copy_joints(standing(), Character.load(turned))
 
 
 @NEEDS_G1
 def test_joints_of_another_make_are_not_copied() -> None:
-    model = mujoco.MjModel.from_xml_path(str(G1))
     with pytest.raises(ModelError, match="the motion has no joints left_hip_pitch_joint"):
-        copy_joints(standing(), model)
+        copy_joints(standing(), body(G1))
 
 
 @NEEDS_G1
 def test_steps_reach_every_figure_on_a_robot_of_hinges() -> None:
-    result = retarget(steps(), G1, stride="scale")
+    result = retarget(steps(), body(G1), stride="scale")
     validation = validate(result.source, result.motion, result.contacts)
     assert validation.broken() == []
 
@@ -239,9 +256,8 @@ def test_steps_reach_every_figure_on_a_robot_of_hinges() -> None:
 @NEEDS_G1
 def test_bones_point_where_the_motions_bones_point() -> None:
     motion = steps()
-    spec = with_soles(Character.load(G1))
-    mapped = map_bones(motion, spec)
-    rests = rest_of(motion.model), rest_of(mapped.model)
+    mapped = map_bones(motion, robot())
+    rests = RestBody(motion.character), RestBody(mapped.character)
     for limb in ("left_leg", "right_leg", "left_arm", "right_arm"):
         ways = []
         for one, rest in zip((motion, mapped), rests, strict=True):
@@ -257,35 +273,34 @@ def test_bones_point_where_the_motions_bones_point() -> None:
 
 @NEEDS_G1
 def test_which_way_a_body_faces_at_rest_does_not_matter() -> None:
-    turned = Character.load(G1)
+    turned = body(G1).spec.copy()
     turned.body("pelvis").quat = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
-    motions = [map_bones(steps(), with_soles(spec)) for spec in (Character.load(G1), turned)]
-    np.testing.assert_allclose(rest_of(motions[1].model).forward, (0, 1, 0), atol=1e-9)
+    motions = [map_bones(steps(), one) for one in (robot(), with_soles(Character.load(turned)))]
+    np.testing.assert_allclose(RestBody(motions[1].character).forward, (0, 1, 0), atol=1e-9)
     np.testing.assert_allclose(motions[1].qpos, motions[0].qpos, atol=1e-9)
 
 
 @NEEDS_G1
 def test_a_robot_gets_sites_on_its_soles() -> None:
-    spec = with_soles(Character.load(G1))
-    model = spec.compile()
+    model = robot().model
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     heel, toe = data.site("left_heel").xpos, data.site("left_toe").xpos
     assert 0.15 < toe[0] - heel[0] < 0.25 and toe[2] == pytest.approx(heel[2], abs=1e-9)
     assert data.site("left_toe").xpos[1] == pytest.approx(-data.site("right_toe").xpos[1], abs=1e-3)
     # Those that are there stay: the robot's own left_foot, the humanoid's all.
-    assert model.nsite == mujoco.MjModel.from_xml_path(str(G1)).nsite + 4
-    assert with_soles(Character.load("humanoid")).to_xml() == Character.load("humanoid").to_xml()
+    assert model.nsite == body(G1).model.nsite + 4
+    assert with_soles(body("humanoid")).spec.to_xml() == body("humanoid").spec.to_xml()
 
 
 def test_joints_that_only_the_other_body_has_stay_at_rest() -> None:
-    spec = Character.load("humanoid")
+    spec = body("humanoid").spec.copy()
     spec.body("head").add_body(name="jaw", pos=(0.05, 0, -0.05)).add_joint(
         name="jaw", axis=(0, 1, 0)
     )
     spec.body("jaw").add_geom(size=[0.01, 0, 0])
-    model = spec.compile()
-    copied = copy_joints(walk(1.0), model)
+    copied = copy_joints(walk(1.0), Character.load(spec))
+    model = copied.model
     np.testing.assert_array_equal(copied.qpos[:, model.joint("jaw").qposadr[0]], 0.0)
 
 
@@ -300,25 +315,20 @@ def test_a_motion_without_contacts_is_refused() -> None:
 
 
 def test_a_motion_in_a_scene_stays_where_it_is() -> None:
-    spec = compose("humanoid", load_scene("blocks"))
-    scene = scene_of(spec)
+    composed = compose("humanoid", load_scene("blocks"))
+    scene = scene_of(composed)
     assert scene is not None and scene_of("humanoid") is None
     assert scene.model.ngeom == load_scene("blocks").model.ngeom
     motion = standing()
     moved = np.array(motion.qpos)
     moved[:, 1] += 0.1
-    placed = Motion(spec.compile(), moved, 30.0)
+    placed = Motion(composed, moved, 30.0)
     result = retarget(placed, "climber", scene=scene)
     assert np.abs(result.motion.qpos[:, 1] - 0.1).max() < 0.03
 
 
 def run(*words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "mjmotion", "retarget", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    return command_line.run("retarget", *words)
 
 
 def test_the_command_writes_a_result_that_can_be_retargeted_again(tmp_path: Path) -> None:

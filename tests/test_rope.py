@@ -13,9 +13,9 @@ from made_up import MIXED, humanoid
 
 from mjmotion.apps.rope import RopeClimb, RopePoints, climb_rope, measure, rope_points
 from mjmotion.apps.rope.climb import plan_climb
-from mjmotion.apps.rope.result import marks
 from mjmotion.apps.rope.grasps import places_along
 from mjmotion.apps.rope.points import nearest_on_rope
+from mjmotion.apps.rope.result import marks
 from mjmotion.body.motion import Motion
 from mjmotion.cli.main import main
 from mjmotion.clips.climb import climb_contacts, make_climb
@@ -99,10 +99,10 @@ def test_bad_ropes(wrong: dict[str, float], named: str) -> None:
 
 
 def test_with_a_character_it_is_one_model_that_plain_mujoco_loads(tmp_path: Path) -> None:
-    spec = compose("humanoid", Scene.from_spec(rope(edge=0.2), "rope"))
-    model = spec.compile()
+    character = compose("humanoid", Scene.from_spec(rope(edge=0.2), "rope"))
+    model = character.model
     assert (model.jnt_type[0], model.nq) == (mujoco.mjtJoint.mjJNT_FREE, 55 + 60)
-    again = mujoco.MjModel.from_xml_path(str(save_model(spec, tmp_path)))
+    again = mujoco.MjModel.from_xml_path(str(save_model(character.spec, tmp_path)))
     assert again.nq == model.nq and again.nflex == 1 and again.neq == model.neq
     assert rope_points(again).address.min() == 55
 
@@ -206,17 +206,17 @@ def test_a_held_rope_goes_with_the_hold_and_a_free_one_does_not() -> None:
 
 def test_figures_see_what_is_wrong() -> None:
     climb = small()
-    spec, motion = climb.original_spec, climb.original
+    motion = climb.original
     grips = find_grips(humanoid())
     qpos = motion.qpos.copy()
     qpos[:, 0] += 0.05  # the body moves into the rope and the hands off their holds
-    worse = measure(spec, motion.replace(qpos), climb.holds, grips)
+    worse = measure(motion.replace(qpos), climb.holds, grips)
     assert worse.held_mm == pytest.approx(50.0, abs=2.0)
     assert worse.drift_mm == pytest.approx(climb.original_figures.drift_mm, abs=1e-6)
     assert len(worse.broken()) >= 1 and "held_mm" in worse.broken()[0]
     qpos = motion.qpos.copy()
     qpos[100, 0] += 0.27  # through the rope in one frame
-    through = measure(spec, motion.replace(qpos), climb.holds, grips)
+    through = measure(motion.replace(qpos), climb.holds, grips)
     assert through.free_mm < -5.0 and through.free_frame == 100
     assert through.drift_mm > 200.0
     assert any("frame 100" in line for line in through.broken())
@@ -265,7 +265,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 ) -> None:
     out = tmp_path / "rope"
     try:
-        code = main(["rope", "--out", str(out), "--no-video", *options])
+        code: object = main(["rope", "--out", str(out), "--no-video", *options])
     except SystemExit as error:
         code = error.code
     said = capsys.readouterr().err

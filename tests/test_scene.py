@@ -472,9 +472,9 @@ def test_saved_model_is_the_same_from_anywhere(
     yard: Path, figure: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(yard.parent)
-    spec = compose(figure, load_scene("yard.xml"))
-    model = spec.compile()
-    path = save_model(spec, tmp_path / "out")
+    character = compose(figure, load_scene("yard.xml"))
+    model = character.model
+    path = save_model(character.spec, tmp_path / "out")
     assert {file.name for file in (tmp_path / "out").iterdir()} == {
         "model.xml", "dune.bin", "bump.bin", "rock.obj", "scene_grid.png"
     }  # fmt: skip
@@ -489,9 +489,9 @@ def test_saved_model_is_the_same_from_anywhere(
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_saved_humanoid_on_shipped_scenes(name: str, tmp_path: Path) -> None:
-    spec = compose("humanoid", load_scene(name))
-    path = save_model(spec, tmp_path)
-    assert_same(spec.compile(), mujoco.MjModel.from_xml_path(str(path)))
+    character = compose("humanoid", load_scene(name))
+    path = save_model(character.spec, tmp_path)
+    assert_same(character.model, mujoco.MjModel.from_xml_path(str(path)))
 
 
 def test_same_file_name_for_different_assets(tmp_path: Path) -> None:
@@ -507,10 +507,12 @@ def test_same_file_name_for_different_assets(tmp_path: Path) -> None:
             f'<geom name="g{name}" type="mesh" mesh="part"/></body></worldbody></mujoco>'
         )
         (tmp_path / name / "m.xml").write_text(texts[name])
-    spec = compose(tmp_path / "a" / "m.xml", load_scene(tmp_path / "b" / "m.xml"))
-    model = spec.compile()
+    character = compose(tmp_path / "a" / "m.xml", load_scene(tmp_path / "b" / "m.xml"))
+    model = character.model
     assert np.ptp(model.mesh_vert[:4], axis=0).max() != np.ptp(model.mesh_vert[4:], axis=0).max()
-    assert_same(model, mujoco.MjModel.from_xml_path(str(save_model(spec, tmp_path / "out"))))
+    assert_same(
+        model, mujoco.MjModel.from_xml_path(str(save_model(character.spec, tmp_path / "out")))
+    )
 
 
 def test_textures_held_in_memory(tmp_path: Path) -> None:
@@ -604,7 +606,11 @@ def test_names_that_clash(element: str, message: str, yard: Path, figure: Path) 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("<mujoco", "does not compile"),
+        ("<mujoco", "cannot be read: it is not well-formed"),
+        (
+            '<mujoco><worldbody><body><freejoint/><geom type="mesh"/></body></worldbody></mujoco>',
+            "does not compile",
+        ),
         ('<mujoco><worldbody><body><geom size=".1"/></body></worldbody></mujoco>', "root"),
     ],
 )

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
-from made_up import humanoid, loop_quats, loop_sites, mixed, pin, some
+from made_up import humanoid, loop_quats, loop_sites, mixed, of_site, pin, some
 from made_up import random_poses as poses
 
 from mjmotion.body.assets import find_asset
@@ -34,7 +36,7 @@ from mjmotion.exceptions import ConstraintError, ModelError
 from mjmotion.fitting import Fit, fit
 from mjmotion.ik.hybrid import HybridIK
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.solver import default_rigidity
+from mjmotion.ik.solver import Deviation, default_rigidity
 from mjmotion.numerics.rotations import conjugate, exp, log, multiply, to_matrix, yaw_quat
 from mjmotion.numerics.tangent import ominus, oplus
 
@@ -171,7 +173,7 @@ def test_elimination_is_the_optimum_over_poses_and_moves_at_once() -> None:
     nframe, ndof = 12, 20
     laid = SharedMoves(moves, feet_of(model, nframe, 7), model)
     jacobian, error = rng.normal(size=(nframe, 12, ndof)), 0.01 * rng.normal(size=(nframe, 12))
-    inverse = np.linalg.inv(jacobian @ jacobian.swapaxes(1, 2))
+    inverse = np.asarray(np.linalg.inv(jacobian @ jacobian.swapaxes(1, 2)), dtype=np.float64)
     gradient = (inverse @ error[..., None])[..., 0].reshape(nframe, 2, 6)
     seen = Sensitivity(gradient, inverse.reshape(nframe, 2, 6, 2, 6))
     zero = np.zeros((1, 4))
@@ -244,7 +246,7 @@ def test_frames_that_are_asked_miss_no_move(spacing: int) -> None:
         assert asked >= 6 and len(rows) <= nframe and (np.diff(rows) > 0).all()
 
 
-BAD_MOVES = {
+BAD_MOVES: dict[str, tuple[dict[str, Any], str]] = {
     "no frames": ({"frames": []}, "frames, each once"),
     "a frame twice": ({"frames": [1, 2, 1]}, "frames, each once"),
     "shares of another length": ({"share": np.ones(4)}, r"share \(n,\)"),
@@ -270,9 +272,14 @@ BAD_MOVES = {
 @pytest.mark.parametrize("case", sorted(BAD_MOVES))
 def test_bad_moves(case: str) -> None:
     options, message = BAD_MOVES[case]
-    good = {"frames": [1, 2, 3], "share": 1.0, "pivot": np.zeros(3), "directions": PLANE}
+    good: dict[str, Any] = {
+        "frames": [1, 2, 3],
+        "share": 1.0,
+        "pivot": np.zeros(3),
+        "directions": PLANE,
+    }
     with pytest.raises(ConstraintError, match=message) as caught:
-        SharedMove("left_foot", **{**good, **options})  # type: ignore[arg-type]
+        SharedMove("left_foot", **{**good, **options})
     assert "left_foot" in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -295,7 +302,7 @@ def test_moves_of_what_is_not_held() -> None:
 
 def near_targets(
     model: mujoco.MjModel, qpos: np.ndarray, sites: tuple[str, ...], kind: str
-) -> list[Constraint]:
+) -> Targets:
     """Sites to be elsewhere by about SMALL, with all kinds of other wishes at some frames."""
     rng, n = np.random.default_rng(12), len(qpos)
     constraints: list[Constraint] = []
@@ -330,13 +337,13 @@ def least_cost(model: mujoco.MjModel, qpos: np.ndarray, targets: Targets) -> np.
     return 0.5 * np.sum(default_rigidity(model) * found * found, axis=1)
 
 
-CASES = {
+CASES: dict[str, tuple[Callable[[], mujoco.MjModel], tuple[str, ...], str]] = {
     "feet": (humanoid, FEET, "both"),
     "feet and a hand": (humanoid, (*FEET, "left_hand"), "both"),
     "places alone": (humanoid, FEET, "place"),
     "turns alone": (humanoid, FEET[:1], "turn"),
     "a foot and the head": (humanoid, ("left_foot", "head_top"), "both"),
-    "links and gazes at some frames": (humanoid, FEET, "all"),
+    "relative targets and look-ats at some frames": (humanoid, FEET, "all"),
     "flexible spine": (flexible, ("left_foot", "left_hand", "right_hand"), "both"),
     "no limbs": (mixed, ("tip",), "place"),
 }
@@ -367,7 +374,9 @@ def test_sensitivity_is_the_cost_s_own_slope_and_bend(case: str, solver: type) -
 
 
 @pytest.mark.parametrize("solver", [NumericIK, HybridIK])
-@pytest.mark.parametrize("case", ["feet", "links and gazes at some frames", "flexible spine"])
+@pytest.mark.parametrize(
+    "case", ["feet", "relative targets and look-ats at some frames", "flexible spine"]
+)
 def test_sensitivity_counts_what_there_is_already(case: str, solver: type) -> None:
     """Half way to the targets, with that half as the deviation: the whole way's own slope."""
     make, sites, kind = CASES[case]
@@ -376,13 +385,12 @@ def test_sensitivity_counts_what_there_is_already(case: str, solver: type) -> No
     targets = near_targets(model, qpos, sites, kind)
     whole = NumericIK(model, iterations=15)
     half = 0.5 * whole.prepare(targets).solve(qpos).displacement
-    mine = solver(model).prepare(targets).sensitivity(oplus(model, qpos, half), deviation=half)
+    problem, moved = solver(model).prepare(targets), oplus(model, qpos, half)
+    mine = problem.sensitivity(moved, Deviation(half, np.ones(4, dtype=bool)))
     wanted = NumericIK(model).prepare(targets).sensitivity(qpos)
     scale = np.abs(wanted.gradient).max()
     assert np.abs(mine.gradient - wanted.gradient).max() < 0.05 * scale
-    nothing = (
-        solver(model).prepare(targets).sensitivity(qpos, deviation=np.full((4, model.nv), np.nan))
-    )
+    nothing = problem.sensitivity(qpos, Deviation(np.zeros_like(half), np.zeros(4, dtype=bool)))
     np.testing.assert_allclose(nothing.gradient, wanted.gradient, atol=0.03 * scale)
 
 
@@ -395,7 +403,7 @@ def test_what_is_deviated_already_is_kept_least() -> None:
         once = NumericIK(model, iterations=15).prepare(targets).solve(qpos).displacement
         astray = oplus(model, qpos, 0.002 * rng.normal(size=(4, model.nv)) * (once != 0.0))
         for _ in range(3):
-            deviation = ominus(model, astray, qpos)
+            deviation = Deviation(ominus(model, astray, qpos), np.ones(4, dtype=bool))
             step = solver.prepare(targets).solve(astray, deviation=deviation).displacement
             astray = oplus(model, astray, step)
         np.testing.assert_allclose(ominus(model, astray, qpos), once, atol=3e-4)
@@ -452,7 +460,7 @@ def test_a_free_foothold_comes_to_the_mean_place(power: float, ik: str) -> None:
     assert result.moves[0, 2] == 0.0
     assert result.trace.exact_error_percent < 0.01 and result.unmet == ()
     # It costs less than to stay, and than any place a little to the side.
-    held = with_moves(free_foot(motion, ("x", "y", "yaw")), result.moves)
+    held = [of_site(one) for one in with_moves(free_foot(motion, ("x", "y", "yaw")), result.moves)]
     best = cost_of(result, motion)
     for shift in ((0.01, 0), (-0.01, 0), (0, 0.01), (0, -0.01)):
         aside = dataclasses.replace(held[1], position=some(held[1].position) + (*shift, 0.0))
@@ -484,10 +492,10 @@ def test_only_what_is_free_moves(free: tuple[str, ...]) -> None:
     motion, _, _ = sliding(1.0)
     constraints = free_foot(motion, free)
     result = fit(motion, constraints, first_guess=False)
-    moved = with_moves(constraints, result.moves)[1]
+    moved = of_site(with_moves(constraints, result.moves)[1])
     step = np.abs(some(moved.position) - some(constraints[1].position)).max(axis=0)
     np.testing.assert_array_equal(step > 1e-6, [name in free for name in "xyz"])
-    turn = log(multiply(moved.quat, conjugate(some(constraints[1].quat))))
+    turn = log(multiply(some(moved.quat), conjugate(some(constraints[1].quat))))
     assert (np.abs(turn).max() > 1e-3) == ("yaw" in free) and np.abs(turn[:, :2]).max() < 1e-9
     assert moved.free == () and constraints[1].free == free
     foot = loop_sites(motion.model, result.motion.qpos)[:, motion.model.site(FEET[0]).id]
@@ -543,7 +551,7 @@ def test_a_model_without_limbs() -> None:
         np.testing.assert_allclose(tip[:, 2], some(own.position)[0, 2] + 0.02, atol=1e-4)
 
 
-def test_a_foothold_held_beside_links_and_gazes_at_other_frames() -> None:
+def test_a_foothold_held_beside_other_kinds_at_other_frames() -> None:
     """Frames with nothing of a foothold's in them ask for no move, and break nothing."""
     motion, _, _ = sliding(1.0)
     right, left = free_foot(motion, ("x", "y"))
@@ -574,9 +582,9 @@ def test_what_cannot_be_met_is_named_by_frame(ik: str) -> None:
     left = SiteConstraint(FEET[0], np.arange(NFRAME), spot, free=("x", "y"))
     result = fit(away, [right, left], ik=ik, first_guess=False)
     (name,) = [one for one in result.unmet if one.constraint == f"position of {FEET[0]}"]
-    target = with_moves([right, left], result.moves)[1]
+    target = of_site(with_moves([right, left], result.moves)[1])
     foot = loop_sites(away.model, result.motion.qpos)[:, away.model.site(FEET[0]).id]
-    off = 1000.0 * np.linalg.norm(foot - target.position, axis=1)
+    off = 1000.0 * np.linalg.norm(foot - some(target.position), axis=1)
     np.testing.assert_array_equal(name.frames, np.flatnonzero(off > 1.0))
     assert len(name.frames) > 0 and name.residual_mm == pytest.approx(off.max(), rel=1e-6)
 
@@ -602,9 +610,11 @@ def test_with_moves_turns_about_the_middle() -> None:
     quat = exp(np.array(((0.1, 0.2, 0.0), (0.0, 0.0, 0.5))))
     free = SiteConstraint("left_hand", frames, points, quat, free=("y", "yaw"))
     fixed = SiteConstraint("right_hand", frames, points)
-    held = with_moves([fixed, free], np.array(((0.3, 0.0, 0.0, np.pi / 2),)))
-    assert held[0] is fixed
-    np.testing.assert_allclose(some(held[1].position), ((2, -0.7, 1), (2, 1.3, 1)), atol=1e-12)
-    turned = log(multiply(held[1].quat, conjugate(quat)))
+    same, moved = with_moves([fixed, free], np.array(((0.3, 0.0, 0.0, np.pi / 2),)))
+    assert same is fixed
+    held = of_site(moved)
+    wanted = np.array(((2, -0.7, 1), (2, 1.3, 1)))
+    np.testing.assert_allclose(some(held.position), wanted, atol=1e-12)
+    turned = log(multiply(some(held.quat), conjugate(quat)))
     np.testing.assert_allclose(turned, np.tile((0, 0, np.pi / 2), (2, 1)), atol=1e-12)
-    assert held[1].free == () and held[1].weight == 1.0
+    assert held.free == () and held.weight == 1.0

@@ -23,11 +23,11 @@ from mjmotion.numerics.bspline import (
 
 CLOSE = 1e-12
 SOME = settings(deadline=None, max_examples=40, derandomize=True)
-spacings = st.sampled_from((1.0, 2.0, 3.0, 4.0, 7.5, 16.0, 200.0))
+knot_spans = st.sampled_from((1.0, 2.0, 3.0, 4.0, 7.5, 16.0, 200.0))
 
 
 def literal_equation_2(
-    frames: np.ndarray, data: np.ndarray, nframe: int, spacing: float, squares: bool
+    frames: np.ndarray, data: np.ndarray, nframe: int, frames_per_knot: float, squares: bool
 ) -> np.ndarray:
     """Eq. 2 word by word: the proximity set of each control point, ω, β, and the weighted mean."""
 
@@ -39,13 +39,13 @@ def literal_equation_2(
             s**3 / 6,
         )[k]
 
-    count = knot_intervals(nframe, spacing) + 3
+    count = knot_intervals(nframe, frames_per_knot) + 3
     control = np.zeros((count, data.shape[1]))
     for index in range(count):
         j = index - 1  # the paper counts from -1
         upper, lower = np.zeros(data.shape[1]), 0.0
         for frame, x in zip(frames, data, strict=True):
-            t = frame / spacing
+            t = frame / frames_per_knot
             if not j - 2 <= t < j + 2:
                 continue
             s = t - np.floor(t)
@@ -60,8 +60,8 @@ def literal_equation_2(
     return control
 
 
-def scipy_spline(control: np.ndarray, spacing: float) -> BSpline:
-    knots = spacing * np.arange(-3, len(control) + 1)
+def scipy_spline(control: np.ndarray, frames_per_knot: float) -> BSpline:
+    knots = frames_per_knot * np.arange(-3, len(control) + 1)
     return BSpline(knots, control, 3)
 
 
@@ -83,45 +83,47 @@ def test_basis_is_scipys() -> None:
 
 
 @SOME
-@given(nframe=st.integers(1, 90), spacing=spacings, seed=st.integers(0, 999))
-def test_evaluation_is_scipys(nframe: int, spacing: float, seed: int) -> None:
+@given(nframe=st.integers(1, 90), frames_per_knot=knot_spans, seed=st.integers(0, 999))
+def test_evaluation_is_scipys(nframe: int, frames_per_knot: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    control = rng.normal(size=(knot_intervals(nframe, spacing) + 3, 2))
+    control = rng.normal(size=(knot_intervals(nframe, frames_per_knot) + 3, 2))
     frames = np.sort(rng.uniform(0.0, nframe - 1, 30))
     frames[[0, -1]] = 0, nframe - 1
-    matrix = basis_matrix(frames, nframe, spacing)
+    matrix = basis_matrix(frames, nframe, frames_per_knot)
     assert matrix.nnz == 4 * len(frames)
-    np.testing.assert_allclose(matrix @ control, scipy_spline(control, spacing)(frames), atol=1e-10)
+    np.testing.assert_allclose(
+        matrix @ control, scipy_spline(control, frames_per_knot)(frames), atol=1e-10
+    )
     np.testing.assert_allclose(matrix.sum(axis=1), 1.0, atol=CLOSE)
 
 
 @pytest.mark.parametrize(
-    ("nframe", "spacing", "wanted"),
+    ("nframe", "frames_per_knot", "wanted"),
     [(1, 16, 1), (2, 16, 1), (17, 16, 1), (18, 16, 2), (33, 16, 2), (464, 2, 232), (10, 2.25, 4)],
 )
-def test_knots_cover_the_frames(nframe: int, spacing: float, wanted: int) -> None:
-    assert knot_intervals(nframe, spacing) == wanted
+def test_knots_cover_the_frames(nframe: int, frames_per_knot: float, wanted: int) -> None:
+    assert knot_intervals(nframe, frames_per_knot) == wanted
 
 
 @pytest.mark.parametrize("squares", [True, False])
-@pytest.mark.parametrize("spacing", [2, 4, 7.5, 16])
-def test_control_points_are_those_of_equation_2(spacing: float, squares: bool) -> None:
+@pytest.mark.parametrize("frames_per_knot", [2, 4, 7.5, 16])
+def test_control_points_are_those_of_equation_2(frames_per_knot: float, squares: bool) -> None:
     rng = np.random.default_rng(1)
     frames = np.sort(rng.choice(90, 25, replace=False))
     data = rng.normal(size=(25, 3))
-    mine = fit_matrix(frames, 91, spacing, as_printed=not squares) @ data
-    literal = literal_equation_2(frames, data, 91, spacing, squares)
+    mine = fit_matrix(frames, 91, frames_per_knot, as_printed=not squares) @ data
+    literal = literal_equation_2(frames, data, 91, frames_per_knot, squares)
     np.testing.assert_allclose(mine, literal, atol=CLOSE)
-    level = fit_level(frames, data, 91, spacing, as_printed=not squares)
+    level = fit_level(frames, data, 91, frames_per_knot, as_printed=not squares)
     np.testing.assert_allclose(
-        level[:90], scipy_spline(literal, spacing)(np.arange(90)), atol=1e-10
+        level[:90], scipy_spline(literal, frames_per_knot)(np.arange(90)), atol=1e-10
     )
 
 
 @SOME
-@given(frame=st.integers(0, 60), spacing=spacings, value=st.floats(-5.0, 5.0))
-def test_a_lone_data_point_is_met_exactly(frame: int, spacing: float, value: float) -> None:
-    fitted = fit_level([frame], np.array([[value]]), 61, spacing)
+@given(frame=st.integers(0, 60), frames_per_knot=knot_spans, value=st.floats(-5.0, 5.0))
+def test_a_lone_data_point_is_met_exactly(frame: int, frames_per_knot: float, value: float) -> None:
+    fitted = fit_level([frame], np.array([[value]]), 61, frames_per_knot)
     assert fitted[frame, 0] == pytest.approx(value, abs=1e-12)
 
 
@@ -132,14 +134,14 @@ def test_as_printed_a_lone_point_is_not_met() -> None:
 
 
 @SOME
-@given(frame=st.integers(0, 200), spacing=st.sampled_from((2.0, 4.0, 7.5, 16.0)))
-def test_nothing_moves_outside_the_support(frame: int, spacing: float) -> None:
+@given(frame=st.integers(0, 200), frames_per_knot=st.sampled_from((2.0, 4.0, 7.5, 16.0)))
+def test_nothing_moves_outside_the_support(frame: int, frames_per_knot: float) -> None:
     """A data point moves its four control points, and those at most seven knots in all (§6)."""
-    fitted = fit_level([frame], np.ones((1, 1)), 201, spacing)[:, 0]
+    fitted = fit_level([frame], np.ones((1, 1)), 201, frames_per_knot)[:, 0]
     away = np.abs(np.arange(201) - frame)
-    assert (fitted[away >= 4 * spacing] == 0.0).all()
+    assert (fitted[away >= 4 * frames_per_knot] == 0.0).all()
     moved = np.flatnonzero(fitted)
-    assert np.ptp(moved) < 7 * spacing
+    assert np.ptp(moved) < 7 * frames_per_knot
     assert frame in moved
 
 
@@ -147,11 +149,11 @@ def test_a_constant_is_kept() -> None:
     """Equal data at every frame give a level curve; local least squares makes it 14 % too high,
     which the next levels take back. As printed it would be 45 % too low."""
     data = np.full((100, 1), 3.0)
-    for spacing in (2, 4, 16):
-        inner = slice(2 * spacing, -2 * spacing)
-        fitted = fit_level(np.arange(100), data, 100, spacing)[inner]
+    for frames_per_knot in (2, 4, 16):
+        inner = slice(2 * frames_per_knot, -2 * frames_per_knot)
+        fitted = fit_level(np.arange(100), data, 100, frames_per_knot)[inner]
         assert np.ptp(fitted) < 0.01 and abs(fitted.mean() - 3.0) < 0.5
-        printed = fit_level(np.arange(100), data, 100, spacing, as_printed=True)[inner]
+        printed = fit_level(np.arange(100), data, 100, frames_per_knot, as_printed=True)[inner]
         assert np.ptp(printed) < 0.01 and abs(printed.mean() - 1.64) < 0.01
     assert np.abs(fit_multilevel(np.arange(100), data, 100, (16, 8, 4, 2)) - 3.0).max() < 0.03
 
@@ -172,8 +174,8 @@ def test_multilevel_is_the_sum_of_levels_of_what_was_left() -> None:
     rng = np.random.default_rng(2)
     frames, data = np.array((3, 10, 11, 40)), rng.normal(size=(4, 2))
     total, left = np.zeros((50, 2)), data.copy()
-    for spacing in (8, 4):
-        level = fit_level(frames, left, 50, spacing)
+    for frames_per_knot in (8, 4):
+        level = fit_level(frames, left, 50, frames_per_knot)
         total, left = total + level, left - level[frames]
     np.testing.assert_allclose(fit_multilevel(frames, data, 50, (8, 4)), total, atol=CLOSE)
 
@@ -198,22 +200,22 @@ def test_no_data_is_no_movement() -> None:
     assert (fit_level(np.empty(0, int), np.empty((0, 3)), 20, 4) == np.zeros((20, 3))).all()
 
 
-@pytest.mark.parametrize("spacing", [0, -1, float("nan")])
-def test_bad_spacing(spacing: float) -> None:
-    with pytest.raises(FitError, match="spacing"):
-        fit_level([0], np.zeros((1, 1)), 10, spacing)
+@pytest.mark.parametrize("frames_per_knot", [0, -1, float("nan")])
+def test_bad_knots(frames_per_knot: float) -> None:
+    with pytest.raises(FitError, match="frames a knot"):
+        fit_level([0], np.zeros((1, 1)), 10, frames_per_knot)
 
 
 def test_between_two_frames_a_level_is_at_rest_outside() -> None:
     rng = np.random.default_rng(4)
     frames, data = np.arange(10, 59), rng.normal(size=(49, 2))
-    for spacing in (12, 6, 3, 1.5):
-        values = fit_between(frames, data, 10, 58, spacing, passes=2)
+    for frames_per_knot in (12, 6, 3, 1.5):
+        values = fit_between(frames, data, 10, 58, frames_per_knot, passes=2)
         assert values.shape == (49, 2)
         assert (values[[0, -1]] == 0.0).all() and np.abs(values).max() > 0.05
         # Value, slope and curvature vanish: near the ends it is the cube of the way.
         near = np.abs(values[[1, -2]]).max()
-        assert near < 10.0 * np.abs(data).max() / spacing**3
+        assert near < 10.0 * np.abs(data).max() / frames_per_knot**3
 
 
 def test_one_data_point_on_a_knot_reaches_three_knots_each_way() -> None:

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -252,27 +253,29 @@ def test_a_spline_through_all_data() -> None:
     assert (natural_spline(np.array([4]), np.array([[2.0, 3.0]]), 6, 1.0) == (2.0, 3.0)).all()
 
 
-@pytest.mark.parametrize("spacing", [2.0, 5.0, 16.0])
-def test_global_least_squares_is_the_pseudo_inverse(spacing: float) -> None:
+@pytest.mark.parametrize("frames_per_knot", [2.0, 5.0, 16.0])
+def test_global_least_squares_is_the_pseudo_inverse(frames_per_knot: float) -> None:
     rng = np.random.default_rng(0)
     frames = np.concatenate((np.arange(0, 20), np.arange(34, 50)))
     data = rng.normal(size=(len(frames), 3))
-    basis = basis_matrix(frames, 60, spacing).toarray()
-    everywhere = basis_matrix(np.arange(60), 60, spacing).toarray()
+    basis = basis_matrix(frames, 60, frames_per_knot).toarray()
+    everywhere = basis_matrix(np.arange(60), 60, frames_per_knot).toarray()
     wanted = everywhere @ (np.linalg.pinv(basis, rcond=1e-12) @ data)
-    np.testing.assert_allclose(pseudo_inverse(frames, data, 60, spacing), wanted, atol=1e-6)
+    np.testing.assert_allclose(pseudo_inverse(frames, data, 60, frames_per_knot), wanted, atol=1e-6)
     # Least squares: nothing at these knots is nearer to the data.
-    left = np.linalg.norm(pseudo_inverse(frames, data, 60, spacing)[frames] - data)
-    assert left <= np.linalg.norm(fit_level(frames, data, 60, spacing, passes=2)[frames] - data)
+    left = np.linalg.norm(pseudo_inverse(frames, data, 60, frames_per_knot)[frames] - data)
+    assert left <= np.linalg.norm(
+        fit_level(frames, data, 60, frames_per_knot, passes=2)[frames] - data
+    )
 
 
 def test_banded_normal_equations_find_the_same() -> None:
     rng = np.random.default_rng(1)
     frames, data = np.arange(0, 60), rng.normal(size=(60, 2))
-    for spacing in (4.0, 16.0):
+    for frames_per_knot in (4.0, 16.0):
         np.testing.assert_allclose(
-            normal_equations(frames, data, 60, spacing),
-            pseudo_inverse(frames, data, 60, spacing),
+            normal_equations(frames, data, 60, frames_per_knot),
+            pseudo_inverse(frames, data, 60, frames_per_knot),
             atol=1e-6,
         )
 
@@ -385,7 +388,12 @@ def test_a_job_of_all_frames_has_smoother_levels_than_interpolation() -> None:
 
 def test_tasks_take_turns() -> None:
     order: list[str] = []
-    tasks = {name: lambda name=name: order.append(name) or len(order) for name in ("a", "b")}
+
+    def place(name: str) -> int:
+        order.append(name)
+        return len(order)
+
+    tasks = {name: partial(place, name) for name in ("a", "b")}
     runs = run_in_turns(tasks, 2)
     assert order == ["a", "b", "a", "b", "a", "b"]  # the first two do not count
     assert [result for _, result in runs["b"]] == [4, 6]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from mjmotion.numerics.tangent import ominus, oplus
 
 ROUNDING = 1e-12  # [rad] or [m]
-MODELS = {"humanoid": humanoid, "mixed": mixed}
+MODELS: dict[str, Callable[[], mujoco.MjModel]] = {"humanoid": humanoid, "mixed": mixed}
 SOME = settings(deadline=None, max_examples=25, derandomize=True)
 seeds = st.integers(0, 2**31)
 names = st.sampled_from(sorted(MODELS))

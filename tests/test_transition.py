@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up import humanoid, mixed
+from command_line import run
+from made_up import character, mixed, some
 
 from mjmotion.apps.adaptation import adapt
 from mjmotion.apps.transition import (
@@ -49,7 +48,7 @@ Clips = tuple[Motion, Motion]
 
 @pytest.fixture(scope="module")
 def clips() -> Clips:
-    return make_clips(humanoid())
+    return make_clips(character())
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +62,7 @@ def measured(result: Result, motion: Motion | None = None) -> Validation:
 
 
 def straight(strides: float = 4.0, speed: float = 1.22, fps: float = 30.0) -> Motion:
-    return make_walk(humanoid(), segments=[Segment("straight", strides)], speed=speed, fps=fps)
+    return make_walk(character(), segments=[Segment("straight", strides)], speed=speed, fps=fps)
 
 
 def moved(motion: Motion, yaw: float, place: tuple[float, float]) -> Motion:
@@ -275,7 +274,7 @@ def test_the_root_goes_as_its_standing_feet_let_it(clips: Clips) -> None:
 
 
 def test_turning_clips_go_on_where_they_face() -> None:
-    left = make_walk(humanoid(), segments=[Segment("turn_left", 3.0)])
+    left = make_walk(character(), segments=[Segment("turn_left", 3.0)])
     both = blend_clips([left, left])
     turned = headings(both.motion)
     start, end = both.overlaps[0]
@@ -321,8 +320,8 @@ def test_walk_to_sneak_and_back_slides_nowhere(joined: Result, clips: Clips) -> 
     before, after = measured(joined, joined.source), measured(joined)
     assert before.metrics["stance_drift_mm"] > 5.0
     assert after.metrics["stance_drift_mm"] < 1.0 and after.broken() == []
-    assert joined.unmet == () and joined.trace.exact_error_percent < 0.01
-    errors = [level.max_error_percent for level in joined.trace.levels]
+    assert joined.unmet == () and some(joined.trace).exact_error_percent < 0.01
+    errors = [level.max_error_percent for level in some(joined.trace).levels]
     assert all(error <= most for error, most in zip(errors, PAPER, strict=False))
     assert joint_jerk_ratio(joined.motion, clips) < 1.3
 
@@ -401,9 +400,9 @@ def test_the_job_is_the_paper_s() -> None:
 def test_the_job_is_met_better_than_in_the_paper(ik: str) -> None:
     job = make_job()
     result = job.fit(ik)
-    errors = [level.max_error_percent for level in result.trace.levels]
+    errors = [level.max_error_percent for level in some(result.trace).levels]
     assert all(error <= most for error, most in zip(errors, PAPER, strict=False))
-    assert result.trace.exact_error_percent < 0.01 and result.unmet == ()
+    assert some(result.trace).exact_error_percent < 0.01 and result.unmet == ()
     assert joint_jerk_ratio(result.motion, make_clips()) < 1.3
     figures = validate(job.motion, result.motion, job.contacts).metrics
     assert figures["stance_drift_mm"] < 1.0
@@ -427,7 +426,7 @@ def test_recordings_go_over_and_back() -> None:
         pytest.skip("the recordings of shared/mocap are not here")
     walk, sneak = (load_clip(RECORDINGS / name) for name in names)
     result = join([walk, sneak, walk])
-    errors = [level.max_error_percent for level in result.trace.levels]
+    errors = [level.max_error_percent for level in some(result.trace).levels]
     assert all(error <= most for error, most in zip(errors, PAPER, strict=False))
     figures = measured(result)
     assert figures.metrics["stance_drift_mm"] < 1.0 and figures.broken() == []
@@ -477,15 +476,6 @@ def test_a_clip_on_uneven_ground_is_refused(clips: Clips) -> None:
     model = compose("humanoid", load_scene("slope")).model
     with pytest.raises(ClipError, match="clip 2 is on ground that is not level"):
         join([clips[0], clips[1].on(model)])
-
-
-def run(*words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "mjmotion", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ scene: then ``model`` and ``spec`` hold both, and what is found out is about the
 
 from __future__ import annotations
 
-import copy
 from functools import cached_property
 from pathlib import Path
 from typing import TypeAlias
@@ -28,6 +27,7 @@ from mjmotion.body.kinematics import character_geoms, check_free_root, root_body
 from mjmotion.body.limbs import Limb, Limbs, find_limbs
 from mjmotion.body.parts import Parts, find_parts
 from mjmotion.exceptions import ModelError, mujoco_message
+from mjmotion.numerics.rotations import to_matrix
 
 Array = NDArray[np.float64]
 
@@ -46,13 +46,13 @@ class Character:
       name: short name for messages and reports; the model's own without.
 
     Raises:
-      ModelError: the model's first joint is not its only free one.
+      ModelError: the model's first joint is not free. Others may be: those of a scene that moves.
     """
 
     def __init__(
         self, model: mujoco.MjModel, spec: mujoco.MjSpec | None = None, name: str = ""
     ) -> None:
-        check_free_root(model)
+        check_free_root(model, only=False)
         self.model = model
         self.name = name or model.names[: model.names.index(b"\0")].decode() or "character"
         self._spec = spec
@@ -76,6 +76,7 @@ class Character:
         if not isinstance(source, mujoco.MjSpec):
             short = Path(name).stem
         try:
+            check_free_root(model)
             return cls(model, spec, short)
         except ModelError as error:
             raise ModelError(f"character '{name}': {error}") from error
@@ -90,6 +91,7 @@ class Character:
         if isinstance(source, Character):
             return source
         if isinstance(source, mujoco.MjModel):
+            check_free_root(source)
             return cls(source)
         return cls.load(source)
 
@@ -252,12 +254,13 @@ def _anatomy(model: mujoco.MjModel) -> dict[str, tuple[list[str], list[Array]]]:
     parent = {int(body): model.body(int(model.body_parentid[body])).name for body in bodies}
     root = int(bodies[0])
     parent[root] = "world"
-    place = model.body_pos.copy()
-    place[root] = 0.0  # where the root stands at rest says nothing about the body
+    # Where the root stands at rest, and how it is turned, says nothing about the body.
+    place, turn = model.body_pos.copy(), model.body_quat.copy()
+    place[root], turn[root] = 0.0, (1.0, 0.0, 0.0, 0.0)
     return {
         "bodies": (
             [f"{model.body(int(b)).name} on {parent[int(b)]}" for b in bodies],
-            [np.concatenate((place[b], _upright(model.body_quat[b]))) for b in bodies],
+            [np.concatenate((place[b], _turn(turn[b]))) for b in bodies],
         ),
         "joints": (
             [f"{model.joint(int(j)).name} of type {model.jnt_type[j]}" for j in joints],
@@ -265,15 +268,21 @@ def _anatomy(model: mujoco.MjModel) -> dict[str, tuple[list[str], list[Array]]]:
         ),
         "sites": (
             [model.site(int(s)).name for s in sites],
-            [np.concatenate((model.site_pos[s], _upright(model.site_quat[s]))) for s in sites],
+            [np.concatenate((model.site_pos[s], _turn(model.site_quat[s]))) for s in sites],
         ),
         "geoms": (
-            [f"geom of {model.body(int(model.geom_bodyid[g])).name}" for g in geoms],
-            [np.concatenate((model.geom_pos[g], model.geom_aabb[g])) for g in geoms],
+            [
+                f"geom of {model.body(int(model.geom_bodyid[g])).name} of type {model.geom_type[g]}"
+                for g in geoms
+            ],
+            [
+                np.concatenate((model.geom_pos[g], _turn(model.geom_quat[g]), model.geom_aabb[g]))
+                for g in geoms
+            ],
         ),
     }
 
 
-def _upright(quat: Array) -> Array:
-    """Return a quaternion with w ≥ 0: the two signs are one rotation."""
-    return np.asarray(-quat if quat[0] < 0.0 else copy.copy(quat))
+def _turn(quat: Array) -> Array:
+    """Return a rotation (9,) without the sign that its quaternion is free to have."""
+    return to_matrix(quat).ravel()

@@ -15,6 +15,7 @@ from mjmotion.exceptions import ModelError
 Array = NDArray[np.float64]
 
 SOLE_BAND = 0.004  # foot geometry this close to the sole plane counts as sole [m]
+_ON_EDGE = 1e-9  # a point of the grid this near to the outline is inside [m]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,15 +83,19 @@ def _hull(points: Array) -> Array:
 
 def _fill(points: Array) -> Array:
     """Outline points and a grid within them: enough that ground cannot rise between unseen."""
-    from scipy.spatial import ConvexHull, Delaunay
+    from scipy.spatial import ConvexHull
 
     plane = points[:, :2]
-    hull = plane[ConvexHull(plane).vertices]
+    around = ConvexHull(plane)
+    hull = plane[around.vertices]
     low, high = hull.min(axis=0), hull.max(axis=0)
     count = np.maximum(2, np.round((high - low) / 0.045).astype(int))
     axes = [np.linspace(low[i], high[i], count[i] + 1) for i in range(2)]
     grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-    inside = grid[Delaunay(hull).find_simplex(grid) >= 0]
+    # Inside is the inner side of every edge. (To look for its triangle in a Delaunay triangulation
+    # asks LAPACK, whose threads take 150 ms to wake on a busy machine.)
+    outside = grid @ around.equations[:, :2].T + around.equations[:, 2]
+    inside = grid[(outside < _ON_EDGE).all(axis=1)]
     thin = hull[:: max(1, len(hull) // 12)]
     flat = np.concatenate((thin, inside))
     return np.column_stack((flat, np.full(len(flat), points[:, 2].min())))

@@ -43,10 +43,10 @@ def root_body(model: mujoco.MjModel) -> int:
     return int(model.jnt_bodyid[0])
 
 
-def check_free_root(model: mujoco.MjModel) -> None:
-    """Raise ModelError unless the model's first joint is free and is the only free one."""
+def check_free_root(model: mujoco.MjModel, *, only: bool = True) -> None:
+    """Raise ModelError unless the model's first joint is free and, if asked, the only free one."""
     free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-    if len(free) != 1 or free[0] != 0:
+    if len(free) == 0 or free[0] != 0 or (only and len(free) > 1):
         raise ModelError(
             "the model's first joint must be its only free one, the root:"
             f" it has {len(free)} free joints"

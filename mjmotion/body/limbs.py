@@ -20,7 +20,7 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.body.bones import Bones
 from mjmotion.body.joint_limits import swing_twist
@@ -81,8 +81,6 @@ class LimbState:
       hip: (n, nlimb, 3) world position of the hip [m].
       upper: (n, nlimb, 4) orientation of the upper segment.
       angle: (n, nlimb) knee angle from ``qpos0`` [rad].
-      bend: (n, nlimb, 4) the turn that angle makes, in the upper segment's frame.
-      stretch: (n, nlimb, 3) hip to ankle in the upper segment's frame [m].
       ankle: (n, nlimb, 3) hip to ankle [m].
       ankle_turn: (n, nlimb, 4) the ankle joint's own quaternion.
       end: (n, nlimb, 4) orientation of the end body.
@@ -92,8 +90,6 @@ class LimbState:
     hip: Array
     upper: Array
     angle: Array
-    bend: Array
-    stretch: Array
     ankle: Array
     ankle_turn: Array
     end: Array
@@ -176,15 +172,17 @@ class Limbs:
     @property
     def reach(self) -> Array:
         """(…, nlimb) the longest hip–ankle distance that the knee's range allows [m]."""
-        straight = np.clip(-self._angle0, *self._range)
-        square = self._constant + 2.0 * self._r1r2 * np.cos(straight + self._angle0)
-        return np.asarray(np.sqrt(square))
+        return self.distance(np.clip(-self._angle0, *self._range) + self._angle0)
 
     @property
     def fold(self) -> Array:
         """(…, nlimb) the shortest hip–ankle distance that the knee's range allows [m]."""
-        ends = np.stack([np.cos(bound + self._angle0) for bound in self._range])
-        square = self._constant + 2.0 * self._r1r2 * ends.min(axis=0)
+        low, high = (self.distance(bound + self._angle0) for bound in self._range)
+        return np.minimum(low, high)
+
+    def distance(self, bend: ArrayLike) -> Array:
+        """Return the hip–ankle distances (…, nlimb) of knees bent so far from straight [rad]."""
+        square = self._constant + 2.0 * self._r1r2 * np.cos(bend)
         return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
     def bases(self, qpos: Array) -> tuple[Array, Array]:
@@ -212,7 +210,7 @@ class Limbs:
         bend, stretch = self._bend(angle)
         end = multiply(self._lower(upper, bend), ankle_turn)
         ankle = rotate(upper, stretch)
-        return LimbState(base_quat, hip, upper, angle, bend, stretch, ankle, ankle_turn, end)
+        return LimbState(base_quat, hip, upper, angle, ankle, ankle_turn, end)
 
     def _bend(self, angle: Array) -> tuple[Array, Array]:
         """Knee turns (n, nlimb, 4) and hip to ankle (n, nlimb, 3) in the upper's frame."""
@@ -233,8 +231,7 @@ class Limbs:
 
         Where a target is out of reach the limb stretches, or folds, as far as it goes.
         """
-        cosine = (square - self._constant) / (2.0 * self._r1r2)
-        angle = self._way * np.arccos(np.clip(cosine, -1.0, 1.0)) - self._angle0
+        angle = self._way * bend_angle(square - self._constant, self._r1r2) - self._angle0
         return np.clip(np.mod(angle + np.pi, 2.0 * np.pi) - np.pi, *self._range)
 
     def goal(self, state: LimbState, position: Array, end_quat: Array, point: Array) -> Array:
@@ -322,6 +319,37 @@ class Limbs:
         swivel[..., :3] = (upper @ line[..., None])[..., 0]
         swivel[..., 4:] = -(end @ line[..., None])[..., 0]
         return follow, -end, swivel
+
+
+def bend_angle(excess: Array, product: ArrayLike) -> Array:
+    """Return how far two bones are bent, 0 in line [rad]; out of reach, as far as they go.
+
+    Law of cosines: ``excess = 2 product cos(angle)``.
+
+    Args:
+      excess: (…) squared distance of the far ends, less the bones' squared lengths or what stands
+        for them in Eq. 7 [m²].
+      product: (…) product of the bones' lengths [m²].
+    """
+    cosine = excess / (2.0 * np.asarray(product))
+    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def two_bone_angles(first: float, second: float, distance: Array) -> tuple[Array, Array]:
+    """Return the angles of the triangle of two bones and the line between their far ends.
+
+    Args:
+      first: length of a bone, such as a thigh [m].
+      second: length of the next, such as a shank [m].
+      distance: (…) of the far ends [m]; beyond reach it counts as the nearest within.
+
+    Returns:
+      (…) between the first bone and the line, and (…) how far the second is bent from the first,
+      0 in line [rad].
+    """
+    distance = np.clip(distance, abs(first - second) + 1e-9, first + second)
+    lean = np.pi - bend_angle(second**2 - (first**2 + distance**2), first * distance)
+    return lean, bend_angle(distance**2 - first**2 - second**2, first * second)
 
 
 def _unless_identity(quat: Array) -> Array | None:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.body.character import Character, CharacterLike, joint_names, quaternion_addresses
+from mjmotion.body.kinematics import check_free_root
 from mjmotion.exceptions import ClipError, ModelError, frame_list
 
 _ROUNDING = 1e-15  # by how much a normalised quaternion's length may differ from 1
@@ -39,7 +40,7 @@ class Motion:
       fps: frames a second.
 
     Raises:
-      ModelError: the model has no free root.
+      ModelError: the model has no free root, or something else in it is free too.
       ClipError: wrong shape, no frames, values that are not finite, a rate that is not positive.
     """
 
@@ -57,6 +58,7 @@ class Motion:
     def _checked(self, given: ArrayLike) -> NDArray[np.float64]:
         """Return frames as they are kept: a read-only copy, quaternions normalised."""
         model = self.model
+        check_free_root(model)
         qpos = np.array(given, dtype=np.float64, order="C")
         if qpos.ndim != 2 or qpos.shape[1] != model.nq:
             raise ClipError(

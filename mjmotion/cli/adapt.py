@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from mjmotion.cli.arguments import add_folder, add_reading, add_thresholds, levels, positive
+from mjmotion.cli.arguments import add_fitting, add_folder, add_reading, add_thresholds
 
 HELP = "adapt a clip to a scene, validate it and make a video"
 EXAMPLE = "mjmotion adapt walk --scene terrain --out out/walk"
@@ -15,7 +15,7 @@ DEFAULTS: dict[str, Any] = {
     "contacts": None,
     "constraints": None,
     "levels": None,
-    "tolerance": 0.1,
+    "tolerance": 1e-4,
     "ik": "hybrid",
     "character": "humanoid",
     "mapping": None,
@@ -40,11 +40,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--constraints", type=Path, help="YAML or JSON file of your own constraints"
     )
-    parser.add_argument("--levels", type=levels, help="frames a knot per level: 16,8,4,2")
-    parser.add_argument(
-        "--tolerance", type=positive, metavar="MM", help="stop refining at this error [mm]: 0.1"
-    )
-    parser.add_argument("--ik", choices=("hybrid", "numeric"), help="IK solver: hybrid")
+    add_fitting(parser)
     parser.add_argument(
         "--free-footholds",
         action="store_true",
@@ -83,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
             constraints=own,
             free_footholds=args.free_footholds,
             levels=args.levels,
-            tolerance=args.tolerance / 1000.0,
+            tolerance=args.tolerance,
             ik=args.ik,
             progress=bar,
         )

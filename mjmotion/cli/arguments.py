@@ -33,6 +33,11 @@ def positive(text: str) -> float:
     return value
 
 
+def millimetres(text: str) -> float:
+    """Return a length [m] from a positive number of millimetres."""
+    return positive(text) / 1000.0
+
+
 def count(text: str) -> int:
     """Return a whole number above 0."""
     if not (text.isdecimal() and int(text) > 0):
@@ -101,6 +106,27 @@ def add_folder(parser: argparse.ArgumentParser, default: str | None = None) -> N
     )
     parser.add_argument("--no-video", action="store_true", help="fit and validate only")
     parser.add_argument("--force", action="store_true", help="replace earlier results in --out")
+
+
+def add_fitting(
+    parser: argparse.ArgumentParser, default: tuple[float, ...] | None = None, solver: bool = True
+) -> None:
+    """Add how a fit is done: ``--levels``, ``--tolerance`` [m] and, if asked, ``--ik``."""
+    text = ",".join(f"{number:g}" for number in default or (16, 8, 4, 2))
+    parser.add_argument(
+        "--levels", type=levels, default=default, help=f"frames a knot of each level: {text}"
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=millimetres,
+        default=1e-4,
+        metavar="MM",
+        help="stop refining at this error [mm]: 0.1",
+    )
+    if solver:
+        parser.add_argument(
+            "--ik", choices=("hybrid", "numeric"), default="hybrid", help="IK solver: hybrid"
+        )
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from mjmotion.cli.arguments import (
     MOTION_HELP,
+    add_fitting,
     add_folder,
     add_reading,
     add_thresholds,
     frame,
-    levels,
     number,
-    positive,
 )
 
 if TYPE_CHECKING:
@@ -70,19 +69,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
             help=text,
             default=argparse.SUPPRESS,
         )
-    parser.add_argument(
-        "--levels",
-        type=levels,
-        default=LEVELS,
-        help="frames a knot per level; the first says how far the change goes: 12,6,3,1.5",
-    )
-    parser.add_argument(
-        "--tolerance",
-        type=positive,
-        metavar="MM",
-        default=0.1,
-        help="stop refining at this error [mm]: 0.1",
-    )
+    add_fitting(parser, default=LEVELS, solver=False)
     parser.add_argument(
         "--hold",
         choices=("feet", "contacts", "frame"),
@@ -170,7 +157,7 @@ def run(args: argparse.Namespace) -> int:
                 args.site,
                 **drags,
                 levels=args.levels if first == chosen else _halved(first, len(args.levels)),
-                tolerance=args.tolerance / 1000.0,
+                tolerance=args.tolerance,
                 contacts=contacts,
                 hold=args.hold,
             )

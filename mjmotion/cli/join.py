@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 
 from mjmotion.cli.arguments import (
     MOTION_HELP,
+    add_fitting,
     add_folder,
     add_reading,
     add_thresholds,
     count,
-    levels,
-    positive,
 )
 
 if TYPE_CHECKING:
@@ -38,17 +37,7 @@ def add_joining(parser: argparse.ArgumentParser) -> None:
         metavar="FRAMES",
         help="how long a transition lasts whose place is found; 0.7 s without",
     )
-    parser.add_argument("--levels", type=levels, help="frames a knot per level: 16,8,4,2")
-    parser.add_argument(
-        "--tolerance",
-        type=positive,
-        metavar="MM",
-        default=0.1,
-        help="stop refining at this error [mm]: 0.1",
-    )
-    parser.add_argument(
-        "--ik", choices=("hybrid", "numeric"), default="hybrid", help="IK solver: hybrid"
-    )
+    add_fitting(parser)
     add_folder(parser)
     add_reading(parser)
     add_thresholds(parser)
@@ -91,7 +80,7 @@ def join_clips(
         joined = blend_clips(
             clips, overlaps=places, contacts=[one.contacts for one in given], length=args.length
         )
-        settings = FitSettings(args.levels, args.tolerance / 1000.0, args.ik, bar)
+        settings = FitSettings(args.levels, args.tolerance, args.ik, bar)
         result = keep_contacts(joined, settings)
         title = " to ".join(Path(name).stem for name in names)
         validation = write(folder, result, thresholds, args, bar, title=title)

@@ -5,14 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from mjmotion.cli.arguments import (
-    MOTION_HELP,
-    add_folder,
-    add_reading,
-    add_thresholds,
-    levels,
-    positive,
-)
+from mjmotion.cli.arguments import MOTION_HELP, add_fitting, add_folder, add_reading, add_thresholds
 
 HELP = "change the size of a walk's character from frame to frame, its stride as it was"
 EXAMPLE = "mjmotion morph walk --key 120:legs=1.4,torso=0.7 --key 300:legs=0.7 --out out/morph"
@@ -36,15 +29,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--contacts", type=Path, help="contacts.json to use instead of finding them"
     )
-    parser.add_argument("--levels", type=levels, help="frames a knot per level: 16,8,4,2")
-    parser.add_argument(
-        "--tolerance",
-        type=positive,
-        metavar="MM",
-        default=0.1,
-        help="stop refining at this error [mm]: 0.1",
-    )
-    parser.add_argument("--ik", choices=("hybrid", "numeric"), default="hybrid", help="IK solver")
+    add_fitting(parser)
     add_reading(parser)
     add_thresholds(parser)
 
@@ -103,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
             keys,
             contacts=contacts,
             levels=args.levels,
-            tolerance=args.tolerance / 1000.0,
+            tolerance=args.tolerance,
             ik=args.ik,
             progress=bar,
         )

@@ -5,14 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from mjmotion.cli.arguments import (
-    MOTION_HELP,
-    add_folder,
-    add_reading,
-    add_thresholds,
-    levels,
-    positive,
-)
+from mjmotion.cli.arguments import MOTION_HELP, add_fitting, add_folder, add_reading, add_thresholds
 
 HELP = "move a motion to a character of other proportions, its contacts kept"
 EXAMPLE = "mjmotion retarget walk --to climber --out out/climber"
@@ -41,17 +34,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--constraints", type=Path, help="YAML or JSON file of your own constraints"
     )
-    parser.add_argument("--levels", type=levels, help="frames a knot per level: 16,8,4,2")
-    parser.add_argument(
-        "--tolerance",
-        type=positive,
-        default=0.1,
-        metavar="MM",
-        help="stop refining at this error [mm]: 0.1",
-    )
-    parser.add_argument(
-        "--ik", choices=("hybrid", "numeric"), default="hybrid", help="IK solver: hybrid"
-    )
+    add_fitting(parser)
     add_reading(parser)
     add_thresholds(parser)
 
@@ -92,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
             scene=scene,
             constraints=constraints,
             levels=args.levels,
-            tolerance=args.tolerance / 1000.0,
+            tolerance=args.tolerance,
             ik=args.ik,
             progress=bar,
         )

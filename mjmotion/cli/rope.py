@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from mjmotion.cli.arguments import add_folder, levels, positive
+from mjmotion.cli.arguments import add_fitting, add_folder, positive
 
 HELP = "put the rope climb on another character and simulate the rope against both"
 EXAMPLE = "mjmotion rope --to climber --out out/rope"
@@ -19,8 +19,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--beam", type=positive, help="height that the rope hangs from [m]: 4.3")
     parser.add_argument("--length", type=positive, help="of the rope [m]; to 0.3 m over the floor")
     parser.add_argument("--edge", type=positive, help="between two points of the rope [m]: 0.05")
-    parser.add_argument("--levels", type=levels, help="frames a knot per level: 16,8,4,2")
-    parser.add_argument("--ik", choices=("hybrid", "numeric"), default="hybrid", help="IK solver")
+    add_fitting(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -42,6 +41,7 @@ def run(args: argparse.Namespace) -> int:
             length=args.length,
             edge=EDGE if args.edge is None else args.edge,
             levels=args.levels,
+            tolerance=args.tolerance,
             ik=args.ik,
             progress=bar,
         )

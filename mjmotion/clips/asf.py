@@ -49,9 +49,9 @@ def read_amc(path: str | Path, skeleton: str | Path | None = None, *, fps: float
     Raises:
       ClipError: a file is missing, truncated or malformed.
     """
-    asf = Path(skeleton) if skeleton is not None else _beside(Path(path))
+    asf = Path(skeleton) if skeleton is not None else _skeleton_file(Path(path))
     tree = _read_skeleton(asf)
-    names = _order(tree, asf)
+    names = _parents_first(tree, asf)
     lines = _frame_lines(path)
     parents = np.array([names.index(tree.parents[n]) if n in tree.parents else -1 for n in names])
     offsets = np.array(
@@ -82,7 +82,7 @@ def read_amc(path: str | Path, skeleton: str | Path | None = None, *, fps: float
     return pose_skeleton(str(path), tuple(names), parents, offsets, translations, local, fps, ends)
 
 
-def _beside(path: Path) -> Path:
+def _skeleton_file(path: Path) -> Path:
     """Return the skeleton file that belongs to an AMC file."""
     stem = path.stem
     for name in (stem, stem.rpartition("_")[0] or stem):
@@ -159,7 +159,7 @@ def _euler(angles: list[float], order: str, degrees: bool) -> Array:
     return result
 
 
-def _order(tree: _Skeleton, path: Path) -> list[str]:
+def _parents_first(tree: _Skeleton, path: Path) -> list[str]:
     """Return the bones, parents before children."""
     unknown = (set(tree.parents) | set(tree.parents.values())) - set(tree.bones)
     if unknown:
@@ -191,9 +191,9 @@ def _read_values(path: str | Path, lines: list[str], tree: _Skeleton) -> dict[st
         for line in lines[first + 1 : last]:
             name, *words = line.split()
             if name not in moving or len(words) != moving[name]:
-                wanted = f"{moving[name]} values" if name in moving else "a bone of the skeleton"
+                expected = f"{moving[name]} values" if name in moving else "a bone of the skeleton"
                 raise ClipError(
-                    f"'{path}' frame {frame}: '{name}' with {len(words)} values is not {wanted}:"
+                    f"'{path}' frame {frame}: '{name}' with {len(words)} values is not {expected}:"
                     " the file is cut off or belongs to another skeleton",
                     (frame,),
                 )

@@ -44,7 +44,7 @@ def read_bvh(path: str | Path) -> Clip:
     tokens = _tokens(lines[:at])
     if not tokens or tokens[0][0].upper() != "HIERARCHY":
         raise ClipError(f"'{path}' is not a BVH file: it does not begin with HIERARCHY")
-    tree = _read_hierarchy(path, tokens)
+    tree = _HierarchyParser(path, tokens).parse()
     if at is None:
         raise ClipError(f"'{path}' ends before MOTION: the file is cut off, export it again")
     nchannel = sum(len(names) for names in tree.channels)
@@ -76,82 +76,119 @@ def _tokens(lines: list[str]) -> list[tuple[str, int]]:
     ]
 
 
-def _read_hierarchy(path: str | Path, tokens: list[tuple[str, int]]) -> _Hierarchy:
-    """Read the tree of joints."""
-    tree = _Hierarchy()
-    open_joints: list[int] = []  # joints whose braces are open; -1 stands for an End Site
-    at = 1
+class _HierarchyParser:
+    """Reads the tree of joints, keyword by keyword.
 
-    def take(count: int) -> list[str]:
-        nonlocal at
-        if at + count > len(tokens):
-            raise ClipError(
-                f"'{path}' ends inside its HIERARCHY: the file is cut off, export it again"
+    Args:
+      path: the file, for messages.
+      tokens: the words before MOTION with their line numbers, HIERARCHY first.
+    """
+
+    def __init__(self, path: str | Path, tokens: list[tuple[str, int]]) -> None:
+        self._path, self._tokens = path, tokens
+        self._at = 1  # the next word
+        self._open: list[int] = []  # joints whose braces are open; -1 stands for an End Site
+        self._tree = _Hierarchy()
+
+    def parse(self) -> _Hierarchy:
+        """Return the tree."""
+        while self._at < len(self._tokens):
+            word = self._take(1)[0]
+            match word.upper():
+                case "ROOT" | "JOINT":
+                    self._joint(word)
+                case "END":
+                    self._end_site()
+                case "OFFSET":
+                    self._offset()
+                case "CHANNELS":
+                    self._channels()
+                case "}":
+                    self._close()
+                case _:
+                    raise self._error(f"'{word}' is not expected here (a wrong channel count?)")
+        if not self._tree.names:
+            raise ClipError(f"'{self._path}' has no ROOT: it is not a complete BVH file")
+        if self._open:
+            raise self._cut_off()
+        return self._tree
+
+    def _joint(self, word: str) -> None:
+        tree, root = self._tree, word.upper() == "ROOT"
+        if root == bool(tree.names):
+            raise self._error("a second ROOT" if root else f"'{word}' comes before any ROOT")
+        if not root and not self._in_joint():
+            raise self._error("a JOINT outside its parent")
+        tree.parents.append(self._open[-1] if self._open else -1)
+        tree.names.append(self._name())
+        tree.offsets.append([0.0, 0.0, 0.0])
+        tree.channels.append([])
+        self._open.append(len(tree.names) - 1)
+
+    def _end_site(self) -> None:
+        self._name()
+        if not self._in_joint():
+            raise self._error("an End Site outside a joint")
+        self._open.append(-1)
+
+    def _offset(self) -> None:
+        try:
+            offset = [float(number) for number in self._take(3)]
+        except ValueError:
+            raise self._error("OFFSET needs three numbers") from None
+        if not self._open or not np.isfinite(offset).all():
+            raise self._error("an OFFSET that is not finite or belongs to no joint")
+        if self._in_joint():
+            self._tree.offsets[self._open[-1]] = offset
+        else:
+            parent = self._tree.names[self._open[-2]]
+            self._tree.ends[parent] = np.array(offset)
+
+    def _channels(self) -> None:
+        count = self._take(1)[0]
+        if not count.isdigit() or not self._in_joint():
+            raise self._error("CHANNELS needs a count and a joint")
+        names = [name.lower() for name in self._take(int(count))]
+        if not set(names) <= _CHANNELS:
+            raise self._error(
+                f"CHANNELS {count} is followed by {' '.join(names)}, not {count} channels"
             )
-        at += count
-        return [word for word, _ in tokens[at - count : at]]
+        self._tree.channels[self._open[-1]] = names
 
-    def fail(what: str) -> ClipError:
-        line = tokens[min(at, len(tokens)) - 1][1]
-        return ClipError(f"'{path}' line {line}: {what}: mend the file or export it again")
+    def _close(self) -> None:
+        if not self._open:
+            raise self._error("a } too many")
+        self._open.pop()
 
-    def name_of_joint() -> str:
+    def _in_joint(self) -> bool:
+        """Return whether the innermost open braces are a joint's, not an End Site's."""
+        return bool(self._open) and self._open[-1] >= 0
+
+    def _name(self) -> str:
+        """Take the words up to the next brace, and the brace."""
         words = []
-        while at < len(tokens) and tokens[at][0] != "{":
-            words += take(1)
-        take(1)
+        while self._at < len(self._tokens) and self._tokens[self._at][0] != "{":
+            words += self._take(1)
+        self._take(1)
         return " ".join(words)
 
-    while at < len(tokens):
-        word = take(1)[0]
-        key = word.upper()
-        if key in ("ROOT", "JOINT"):
-            if (key == "ROOT") == bool(tree.names):
-                raise fail("a second ROOT" if tree.names else f"'{word}' comes before any ROOT")
-            if key == "JOINT" and (not open_joints or open_joints[-1] < 0):
-                raise fail("a JOINT outside its parent")
-            tree.parents.append(open_joints[-1] if open_joints else -1)
-            tree.names.append(name_of_joint())
-            tree.offsets.append([0.0, 0.0, 0.0])
-            tree.channels.append([])
-            open_joints.append(len(tree.names) - 1)
-        elif key == "END":
-            name_of_joint()
-            if not open_joints or open_joints[-1] < 0:
-                raise fail("an End Site outside a joint")
-            open_joints.append(-1)
-        elif key == "OFFSET":
-            try:
-                offset = [float(number) for number in take(3)]
-            except ValueError:
-                raise fail("OFFSET needs three numbers") from None
-            if not open_joints or not np.isfinite(offset).all():
-                raise fail("an OFFSET that is not finite or belongs to no joint")
-            if open_joints[-1] < 0:
-                tree.ends[tree.names[open_joints[-2]]] = np.array(offset)
-            else:
-                tree.offsets[open_joints[-1]] = offset
-        elif key == "CHANNELS":
-            count = take(1)[0]
-            if not count.isdigit() or not open_joints or open_joints[-1] < 0:
-                raise fail("CHANNELS needs a count and a joint")
-            names = [name.lower() for name in take(int(count))]
-            if not set(names) <= _CHANNELS:
-                raise fail(
-                    f"CHANNELS {count} is followed by {' '.join(names)}, not {count} channels"
-                )
-            tree.channels[open_joints[-1]] = names
-        elif key == "}":
-            if not open_joints:
-                raise fail("a } too many")
-            open_joints.pop()
-        else:
-            raise fail(f"'{word}' is not expected here (a wrong channel count?)")
-    if not tree.names:
-        raise ClipError(f"'{path}' has no ROOT: it is not a complete BVH file")
-    if open_joints:
-        raise ClipError(f"'{path}' ends inside its HIERARCHY: the file is cut off, export it again")
-    return tree
+    def _take(self, count: int) -> list[str]:
+        """Return the next words and go past them."""
+        start = self._at
+        if start + count > len(self._tokens):
+            raise self._cut_off()
+        self._at += count
+        return [word for word, _ in self._tokens[start : self._at]]
+
+    def _error(self, what: str) -> ClipError:
+        """Return an error at the word last taken."""
+        line = self._tokens[self._at - 1][1]
+        return ClipError(f"'{self._path}' line {line}: {what}: mend the file or export it again")
+
+    def _cut_off(self) -> ClipError:
+        return ClipError(
+            f"'{self._path}' ends inside its HIERARCHY: the file is cut off, export it again"
+        )
 
 
 def _read_motion(

@@ -96,17 +96,17 @@ def make_climb(character: CharacterLike) -> Motion:
     model = character.model
     grips, holds = find_grips(model, ROPE_RADIUS), plan_holds()
     frames = np.arange(FRAMES)
-    wanted = []
+    targets = []
     for site in LIMBS:
         position, quat = limb_path(site, holds, grips[site], FRAMES)
-        wanted.append(SiteConstraint(site, frames, position, quat))
+        targets.append(SiteConstraint(site, frames, position, quat))
     rough = Motion(character, _body(model, frames), FPS)
     rigidity = np.ones(model.nv)
     for joint in ("root", "spine"):
         index = model.joint(joint).id
         rigidity[model.dof_jntid == index] = _STIFF
     solver = HybridIK(character, rigidity)
-    return fit(rough, wanted, ik=solver, tolerance=0.0, first_guess=False).motion
+    return fit(rough, targets, ik=solver, tolerance=0.0, first_guess=False).motion
 
 
 def _body(model: mujoco.MjModel, frames: NDArray[np.int64]) -> Array:

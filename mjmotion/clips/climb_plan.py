@@ -37,8 +37,8 @@ HELD: dict[str, tuple[tuple[int, int], ...]] = {
 
 _FIRST = {"left_hand": 2.09, "right_hand": 2.20, "left_foot": 0.765, "right_foot": 0.765}  # [m]
 # Hands draw the rope a little to their own side, feet press it a little forward [m].
-_BESIDE = {"left_hand": 0.005, "right_hand": -0.005, "left_foot": 0.0, "right_foot": 0.0}
-_BEFORE = {"left_hand": 0.0, "right_hand": 0.0, "left_foot": 0.06, "right_foot": 0.06}
+_TO_SIDE = {"left_hand": 0.005, "right_hand": -0.005, "left_foot": 0.0, "right_foot": 0.0}
+_FORWARD = {"left_hand": 0.0, "right_hand": 0.0, "left_foot": 0.06, "right_foot": 0.06}
 # Feet in the hang: forward, to their side and down from where they clamp the rope [m], and how far
 # they turn from there: outward, toes down, toes out [rad].
 _DANGLING = (-0.16, 0.085, 0.40)
@@ -69,7 +69,7 @@ def plan_holds() -> tuple[Hold, ...]:
     holds = []
     for site in LIMBS:
         for number, (start, end) in enumerate(HELD[site]):
-            point = (_BEFORE[site], _BESIDE[site], _FIRST[site] + RISE * number)
+            point = (_FORWARD[site], _TO_SIDE[site], _FIRST[site] + RISE * number)
             holds.append(Hold(site, start, end, np.array(point)))
     return tuple(holds)
 

@@ -31,8 +31,8 @@ from mjmotion.clips.gait_feet import (
     foot_shape,
     swing_phases,
 )
-from mjmotion.clips.gait_legs import SIDES, close_legs, knee_room, leg_of, pelvis_height
-from mjmotion.clips.gait_plan import Path, Segment, plan_path, plan_steps
+from mjmotion.clips.gait_legs import SIDES, close_legs, leg_of, pelvis_height, room_to_rise
+from mjmotion.clips.gait_plan import Segment, WalkPath, plan_path, plan_steps
 from mjmotion.clips.gait_table import GaitTable, gait_table
 from mjmotion.exceptions import ClipError, ModelError
 from mjmotion.numerics.rotations import exp, multiply, rotate, yaw_quat
@@ -78,7 +78,7 @@ _LOOK_AHEAD = 0.45  # how far ahead the head looks into a turn [cycles]
 _LOOK = (0.15, 0.35, 0.3)  # shares of that turn of spine, neck and head
 
 
-def make_walk(
+def make_walk(  # more than eight parameters: all but the first have a default
     character: CharacterLike,
     *,
     segments: Sequence[Segment] = WALK,
@@ -141,15 +141,15 @@ def check_humanoid(model: mujoco.MjModel) -> None:
             f" this model lacks the joints {', '.join(missing)}; put a walk on it with retarget"
         )
     sites = {model.site(i).name for i in range(model.nsite)}
-    wanted = [f"{side}_{part}" for side in SIDES for part in ("heel", "toe")]
-    missing = [name for name in wanted if name not in sites]
+    needed = [f"{side}_{part}" for side in SIDES for part in ("heel", "toe")]
+    missing = [name for name in needed if name not in sites]
     if missing:
         raise ModelError(
             f"the built-in walk needs the humanoid: this model lacks the sites {', '.join(missing)}"
         )
 
 
-def _poses(character: Character, path: Path, psi: Array, stride: float, duty: float) -> Array:
+def _poses(character: Character, path: WalkPath, psi: Array, stride: float, duty: float) -> Array:
     """Return qpos (n, nq) at phases (n,)."""
     table = gait_table()
     model = character.model
@@ -162,13 +162,15 @@ def _poses(character: Character, path: Path, psi: Array, stride: float, duty: fl
     # How high the pelvis can be is found on a grid of its own, so that no frame rate changes it.
     grid = path.psi[::2]
     body = _body(model, table, path, grid, scale)
-    room = knee_room(legs, body, feet(grid), _KNEE)
+    room = room_to_rise(legs, body, feet(grid), _KNEE)
     qpos = _body(model, table, path, psi, scale)
     qpos[:, 2] += pelvis_height(grid, room, np.clip(psi, grid[0], grid[-1]), _NEAR)
     return close_legs(legs, qpos, feet(psi))
 
 
-def _body(model: mujoco.MjModel, table: GaitTable, path: Path, psi: Array, scale: float) -> Array:
+def _body(
+    model: mujoco.MjModel, table: GaitTable, path: WalkPath, psi: Array, scale: float
+) -> Array:
     """Return qpos (n, nq) by path and table; the root's height is only its bob."""
     place, heading, pace = path.at(psi)
     swing = np.clip(pace, 0.0, 1.0) * scale

@@ -150,14 +150,14 @@ def both_feet(
     roll: Roll = WALKING,
 ) -> tuple[Array, Array]:
     """Return ankles (n, 2, 3) [m] and orientations (n, 2, 4) of both feet at phases (n,)."""
-    places, turns = [], []
+    positions, quats = [], []
     for stances, shape in zip(steps, shapes, strict=True):
         foot = foot_motion(stances, psi, shape, swing, roll)
         zero = np.zeros_like(psi)
         pitch = exp(np.column_stack((zero, foot[:, 3], zero)))
-        places.append(foot[:, :3])
-        turns.append(multiply(yaw_quat(foot[:, 4]), pitch))
-    return np.stack(places, axis=1), np.stack(turns, axis=1)
+        positions.append(foot[:, :3])
+        quats.append(multiply(yaw_quat(foot[:, 4]), pitch))
+    return np.stack(positions, axis=1), np.stack(quats, axis=1)
 
 
 def _hump(u: Array) -> Array:

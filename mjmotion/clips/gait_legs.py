@@ -29,7 +29,7 @@ def leg_of(character: Character, side: str) -> Limb:
     raise ModelError(f"the built-in walk needs the humanoid: its {side} leg is no ball-hinge-ball")
 
 
-def knee_room(legs: Limbs, qpos: Array, feet: tuple[Array, Array], knee: float) -> Array:
+def room_to_rise(legs: Limbs, qpos: Array, feet: tuple[Array, Array], knee: float) -> Array:
     """Return how far (n,) the pelvis can rise before a knee is straighter than ``knee`` [m].
 
     Args:
@@ -39,12 +39,7 @@ def knee_room(legs: Limbs, qpos: Array, feet: tuple[Array, Array], knee: float) 
       knee: [rad].
     """
     hip, _ = legs.bases(qpos)
-    thigh, shank = (
-        np.linalg.norm(legs.model.body_pos[[getattr(leg, part) for leg in legs.limbs]], axis=1)
-        for part in ("lower", "end")
-    )
-    bent = thigh**2 + shank**2 + 2.0 * thigh * shank * np.cos(knee)
-    return np.asarray(-drop_to_reach(hip, feet[0], np.sqrt(bent), 0.1).max(axis=1))
+    return np.asarray(-drop_to_reach(hip, feet[0], legs.distance(knee), 0.1).max(axis=1))
 
 
 def pelvis_height(grid: Array, room: Array, psi: Array, near: int) -> Array:

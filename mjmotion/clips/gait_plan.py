@@ -42,7 +42,7 @@ class Segment:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Path:
+class WalkPath:
     """What the body does, sampled evenly in phase.
 
     Attributes:
@@ -84,7 +84,7 @@ class Path:
         return np.asarray(inside + rate * beyond)
 
 
-def plan_path(segments: Sequence[Segment], stride: float, speed: float, turning: float) -> Path:
+def plan_path(segments: Sequence[Segment], stride: float, speed: float, turning: float) -> WalkPath:
     """Return the path of a walk.
 
     Args:
@@ -125,7 +125,7 @@ def plan_path(segments: Sequence[Segment], stride: float, speed: float, turning:
     position -= [np.interp(0.0, psi, column) for column in position.T]
     if starts:
         position -= position[0]
-    return Path(psi, time, pace, position, heading, 0.0, end, starts, stops)
+    return WalkPath(psi, time, pace, position, heading, 0.0, end, starts, stops)
 
 
 def _check(segments: Sequence[Segment]) -> None:
@@ -141,11 +141,11 @@ def _check(segments: Sequence[Segment]) -> None:
                 " give a multiple of 0.5"
             )
         if segment.kind in ("start", "stop"):
-            place = 0 if segment.kind == "start" else len(segments) - 1
-            if number != place or segment.strides != 1.0:
+            required = 0 if segment.kind == "start" else len(segments) - 1
+            if number != required or segment.strides != 1.0:
                 raise ClipError(
                     f"segment {number} is a {segment.kind}: it takes one stride,"
-                    f" at the walk's {'begin' if place == 0 else 'end'}"
+                    f" at the walk's {'begin' if required == 0 else 'end'}"
                 )
 
 
@@ -178,7 +178,7 @@ class Steps:
 
 
 def plan_steps(
-    path: Path, side: str, widths: tuple[float, float], toe_out: float, middle: float = MIDDLE
+    path: WalkPath, side: str, widths: tuple[float, float], toe_out: float, middle: float = MIDDLE
 ) -> Steps:
     """Return where a foot stands: under the path, half the width to its side.
 

@@ -9,10 +9,16 @@ import numpy as np
 
 from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.joint_limits import swing_twist
+from mjmotion.body.limbs import two_bone_angles
 from mjmotion.body.motion import Motion
-from mjmotion.clips.frames import (
+from mjmotion.clips.dimensions import HumanoidDimensions
+from mjmotion.clips.foot_planting import plant_feet
+from mjmotion.clips.recorded_feet import RecordedFoot
+from mjmotion.clips.rig import SIDES, Rig, find_rig
+from mjmotion.clips.skeleton import Clip
+from mjmotion.clips.upright import (
     UP,
-    Upright,
+    UprightClip,
     calibrate,
     check_steady,
     drop_rest_frame,
@@ -20,10 +26,6 @@ from mjmotion.clips.frames import (
     make_upright,
     mend_glitches,
 )
-from mjmotion.clips.measures import HumanoidMeasures
-from mjmotion.clips.recorded_feet import Foot, place_feet
-from mjmotion.clips.rig import SIDES, Rig, find_rig
-from mjmotion.clips.skeleton import Clip
 from mjmotion.numerics import rotations as rot
 from mjmotion.numerics.smoothing import cover
 
@@ -74,17 +76,17 @@ def map_clip(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Ma
       ModelError: the model is not the humanoid.
     """
     character = Character.of(character)
-    measures = HumanoidMeasures(character)
+    humanoid = HumanoidDimensions(character)
     rig = find_rig(clip) if rig is None else rig
     clip, dropped = drop_rest_frame(clip)
     clip, mended = mend_glitches(clip)
-    source = make_upright(clip, rig, measures.leg)
+    source = make_upright(clip, rig, humanoid.leg)
     notes = [note for note in (dropped, mended) if note]
-    notes.append(f"up axis {source.axis}, 1 unit of the file is {source.scale:.6g} m")
-    body = _trunk(source, measures)
-    root = (source.at("left_hip") + source.at("right_hip")) / 2
+    notes.append(f"up axis {source.up_axis}, 1 unit of the file is {source.scale:.6g} m")
+    body = _trunk(source)
+    root = (source.position("left_hip") + source.position("right_hip")) / 2
     feet = [
-        _foot(source, side).moved_by(_hip_shift(source, side, body["pelvis"], measures))
+        _foot(source, side).moved_by(_hip_shift(source, side, body["pelvis"], humanoid))
         for side in SIDES
     ]
     for side in SIDES:
@@ -94,18 +96,18 @@ def map_clip(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Ma
     body = {name: rot.multiply(np.broadcast_to(turn, q.shape), q) for name, q in body.items()}
     root = rot.rotate(turn, root - start)
     feet = [foot.moved(turn, start) for foot in feet]
-    root, feet = place_feet(root, body["pelvis"], feet, measures, clip.fps)
+    root, feet = plant_feet(root, body["pelvis"], feet, humanoid, clip.fps)
     knees = {}
     for side, foot in zip(SIDES, feet, strict=True):
-        hip = root + rot.rotate(body["pelvis"], measures.hips[side])
-        leg = _leg(hip, foot, side, measures, clip.fps)
+        hip = root + rot.rotate(body["pelvis"], humanoid.hips[side])
+        leg = _leg(hip, foot, side, humanoid, clip.fps)
         body[f"{side}_thigh"], knees[side], body[f"{side}_foot"] = leg
     qpos = _assemble(character.model, root, body, knees)
     check_steady(clip, qpos)
     excess = character.limits.excess(qpos)
     clamped = int((excess > 1e-9).any(axis=1).sum())
     motion = Motion(character, character.limits.clamp(qpos), clip.fps)
-    return Mapped(motion, source.scale, source.axis, clamped, tuple(notes))
+    return Mapped(motion, source.scale, source.up_axis, clamped, tuple(notes))
 
 
 def bend_leg(
@@ -113,7 +115,8 @@ def bend_leg(
 ) -> tuple[Array, Array]:
     """Return the thigh's orientation and the knee's angle that bring the ankle to its place.
 
-    Closed form, two bones and a hinge (the paper's Eq. 7 with the knee's plane given).
+    Closed form, two bones and a hinge: the paper's Eq. 7 with the knee's plane given, where a
+    :class:`mjmotion.body.limbs.Limbs` turns the least from where the limb is.
 
     Args:
       hip: (nframe, 3) hip centres [m].
@@ -126,66 +129,63 @@ def bend_leg(
       (nframe, 4) quaternions wxyz of the thigh and (nframe,) flexion [rad] of the knee.
     """
     line = ankle - hip
-    far = np.linalg.norm(line, axis=1)
-    reach = np.clip(far, abs(thigh - shank) + 1e-9, thigh + shank)
+    lean, knee = two_bone_angles(thigh, shank, np.linalg.norm(line, axis=1))
     line = rot.normalized(line)
     normal = rot.normalized(normal - rot.dot(normal, line)[:, None] * line)
-    cosine = (thigh**2 + reach**2 - shank**2) / (2 * thigh * reach)
-    angle = np.arccos(np.clip(cosine, -1, 1))[:, None]
-    bone = np.cos(angle) * line - np.sin(angle) * rot.cross(normal, line)
-    cosine = (reach**2 - thigh**2 - shank**2) / (2 * thigh * shank)
-    return rot.from_matrix(frame_of(-bone, normal)), np.arccos(np.clip(cosine, -1, 1))
+    lean = lean[:, None]
+    bone = np.cos(lean) * line - np.sin(lean) * rot.cross(normal, line)
+    return rot.from_matrix(frame_of(-bone, normal)), knee
 
 
 def _leg(
-    hip: Array, foot: Foot, side: str, measures: HumanoidMeasures, fps: float
+    hip: Array, foot: RecordedFoot, side: str, humanoid: HumanoidDimensions, fps: float
 ) -> tuple[Array, Array, Array]:
     """Return the thigh's orientations, the knee's angles and the foot's orientations of one side.
 
     Where a deep crouch would bend the ankle beyond its limit, the heel comes up, the toe stays.
     """
-    toe = measures.site(f"{side}_toe")
+    toe = humanoid.site(f"{side}_toe")
     extra = np.zeros(len(hip))
     for _ in range(8):
         tipped = foot.tipped(extra, toe) if extra.any() else foot
-        thigh, knee = bend_leg(hip, tipped.ankle, foot.normal, measures.thigh, measures.shank)
+        thigh, knee = bend_leg(hip, tipped.ankle, foot.normal, humanoid.thigh, humanoid.shank)
         half, zero = knee / 2, np.zeros_like(knee)
         bend = np.stack([np.cos(half), zero, np.sin(half), zero], axis=-1)
         ankle = rot.multiply(rot.conjugate(rot.multiply(thigh, bend)), tipped.quat)
-        excess = measures.most_dorsiflexion[side] - swing_twist(ankle)[:, 1]
+        excess = humanoid.most_dorsiflexion[side] - swing_twist(ankle)[:, 1]
         if excess.max() < 1e-4:
             break
         extra = extra + cover(excess, 0.2 * fps)
     return thigh, knee, tipped.quat
 
 
-def _trunk(source: Upright, measures: HumanoidMeasures) -> dict[str, Array]:
+def _trunk(source: UprightClip) -> dict[str, Array]:
     """Return the orientations (nframe, 4) of pelvis, torso, neck and head."""
-    hips = source.at("left_hip") - source.at("right_hip")
+    hips = source.position("left_hip") - source.position("right_hip")
     chain = _spine(source)
     low = source.clip.positions[:, chain[0]]
-    high = source.at("neck") if source.has("neck") else _middle(source, "shoulder")
+    high = source.position("neck") if source.has("neck") else _middle(source, "shoulder")
     lean = rot.normalized(high - low)
-    pelvis = source.turned("pelvis")
+    pelvis = source.rotation("pelvis")
     chest = source.clip.rotations[:, chain[-1]]
     if source.facing is not None:
-        stand = source.turn.T @ source.facing
+        stand = source.to_z_up.T @ source.facing
         body = {"pelvis": pelvis @ stand}
         straight = chest @ stand
-        rest_high = source.rest_at("neck") if source.has("neck") else _rest_middle(source)
+        rest_high = source.rest_position("neck") if source.has("neck") else _rest_middle(source)
         rest_lean = rot.normalized(rest_high - source.rest[chain[0]])
         # What the trunk's line looks like at rest is what standing upright looks like.
         upright = frame_of(rest_lean, source.facing[:, 1]).T @ source.facing
         line = frame_of(lean, straight[..., 1]) @ upright
         # Half from where the spine goes, half from how the chest is turned: skeletons differ in
         # how much of the trunk lies between their joints.
-        torso = _half_way(rot.from_matrix(line), rot.from_matrix(straight))
+        torso = _halfway(rot.from_matrix(line), rot.from_matrix(straight))
         body["torso"] = rot.to_matrix(torso)
         head_stand = stand
     else:
         rough = frame_of(lean, hips)
         body = {"pelvis": pelvis @ calibrate(pelvis, rough)}
-        shoulders = source.at("left_shoulder") - source.at("right_shoulder")
+        shoulders = source.position("left_shoulder") - source.position("right_shoulder")
         left = (chest @ calibrate(chest, frame_of(lean, shoulders)))[..., 1]
         body["torso"] = frame_of(lean, left)
         head_stand = None
@@ -193,23 +193,23 @@ def _trunk(source: Upright, measures: HumanoidMeasures) -> dict[str, Array]:
         if not source.has(role):
             body[name] = body["neck"] if "neck" in body else body["torso"]
             continue
-        joint = source.turned(role)
+        joint = source.rotation(role)
         constant = calibrate(joint, body["torso"]) if head_stand is None else head_stand
         body[name] = joint @ constant
     quats = {name: rot.from_matrix(matrix) for name, matrix in body.items()}
     if source.has("neck") and source.has("head"):
         # Recorded necks hold their two joints against each other; half of that bend is taken out,
         # so that the head keeps its direction within the limits of the head's joint.
-        quats["neck"] = _half_way(quats["neck"], _half_way(quats["torso"], quats["head"]))
+        quats["neck"] = _halfway(quats["neck"], _halfway(quats["torso"], quats["head"]))
     return quats
 
 
-def _half_way(a: Array, b: Array) -> Array:
+def _halfway(a: Array, b: Array) -> Array:
     """Return the rotations (nframe, 4) half way between two."""
     return rot.normalized(a + np.where(rot.dot(a, b)[:, None] < 0, -b, b))
 
 
-def _spine(source: Upright) -> list[int]:
+def _spine(source: UprightClip) -> list[int]:
     """Return the joints from the pelvis' first spine joint to the chest, the shoulders' parent."""
     clip = source.clip
 
@@ -229,12 +229,12 @@ def _spine(source: Upright) -> list[int]:
     return above or [pelvis]
 
 
-def _middle(source: Upright, part: str) -> Array:
-    return (source.at(f"left_{part}") + source.at(f"right_{part}")) / 2
+def _middle(source: UprightClip, part: str) -> Array:
+    return (source.position(f"left_{part}") + source.position(f"right_{part}")) / 2
 
 
-def _rest_middle(source: Upright) -> Array:
-    return (source.rest_at("left_shoulder") + source.rest_at("right_shoulder")) / 2
+def _rest_middle(source: UprightClip) -> Array:
+    return (source.rest_position("left_shoulder") + source.rest_position("right_shoulder")) / 2
 
 
 def _hinge_axis(first: Array, second: Array, joint: Array, fallback: Array) -> Array:
@@ -258,30 +258,34 @@ def _hinge_axis(first: Array, second: Array, joint: Array, fallback: Array) -> A
     return rot.normalized(axis - rot.dot(axis, first)[:, None] * first)
 
 
-def _foot(source: Upright, side: str) -> Foot:
+def _foot(source: UprightClip, side: str) -> RecordedFoot:
     """Return the recorded foot of one side."""
-    hip, knee, ankle = (source.at(f"{side}_{part}") for part in ("hip", "knee", "ankle"))
+    hip, knee, ankle = (source.position(f"{side}_{part}") for part in ("hip", "knee", "ankle"))
     thigh, shank = rot.normalized(knee - hip), rot.normalized(ankle - knee)
-    across = source.at("left_hip") - source.at("right_hip")
-    normal = _hinge_axis(thigh, shank, source.turned(f"{side}_hip"), across)
-    joint = source.turned(f"{side}_ankle")
+    across = source.position("left_hip") - source.position("right_hip")
+    normal = _hinge_axis(thigh, shank, source.rotation(f"{side}_hip"), across)
+    joint = source.rotation(f"{side}_ankle")
     role = f"{side}_toe"
     rest_pitch = None
     if source.has(role):
-        ball = source.at(role)
-        line = source.rest_at(role) - source.rest_at(f"{side}_ankle")
+        ball = source.position(role)
+        line = source.rest_position(role) - source.rest_position(f"{side}_ankle")
     else:
         name = source.rig.joints[f"{side}_ankle"]
-        end = source.clip.ends.get(name, source.turn.T @ (0.15, 0.0, -0.05)) * source.scale
-        ball, line = ankle + joint @ end, source.turn @ end
+        end = source.clip.ends.get(name, source.to_z_up.T @ (0.15, 0.0, -0.05)) * source.scale
+        ball, line = ankle + joint @ end, source.to_z_up @ end
     if source.facing is not None and np.linalg.norm(line) > 0.02:
         # Against the shank, not the vertical: rest poses stand with their legs apart.
-        leg = rot.normalized(source.rest_at(f"{side}_ankle") - source.rest_at(f"{side}_knee"))
+        leg = rot.normalized(
+            source.rest_position(f"{side}_ankle") - source.rest_position(f"{side}_knee")
+        )
         rest_pitch = float(np.arcsin(np.clip(rot.normalized(line) @ leg, -1, 1)))
-    return Foot.recorded(ankle, ball, joint, normal, rest_pitch, source.clip.fps)
+    return RecordedFoot.recorded(ankle, ball, joint, normal, rest_pitch, source.clip.fps)
 
 
-def _hip_shift(source: Upright, side: str, pelvis: Array, measures: HumanoidMeasures) -> Array:
+def _hip_shift(
+    source: UprightClip, side: str, pelvis: Array, humanoid: HumanoidDimensions
+) -> Array:
     """Return (nframe, 3) how far a foot moves sideways because the humanoid's hips are narrower.
 
     Without it the legs of a broad-hipped skeleton would splay and reach less far down. The side
@@ -290,26 +294,26 @@ def _hip_shift(source: Upright, side: str, pelvis: Array, measures: HumanoidMeas
     from scipy.ndimage import gaussian_filter1d
 
     left = rot.rotate(pelvis, np.array((0.0, 1.0, 0.0))) * (1.0, 1.0, 0.0)
-    across = source.at("left_hip") - source.at("right_hip")
+    across = source.position("left_hip") - source.position("right_hip")
     half = float(np.median(np.linalg.norm(across, axis=1))) / 2
-    more = float(measures.hips[side][1]) - (half if side == "left" else -half)
+    more = float(humanoid.hips[side][1]) - (half if side == "left" else -half)
     left = gaussian_filter1d(left, 0.5 * source.clip.fps, axis=0, mode="nearest")
     return more * rot.normalized(left)
 
 
-def _arm(source: Upright, side: str, body: dict[str, Array]) -> None:
+def _arm(source: UprightClip, side: str, body: dict[str, Array]) -> None:
     """Add upper arm, forearm and hand of one side to ``body``."""
-    shoulder, elbow = source.at(f"{side}_shoulder"), source.at(f"{side}_elbow")
+    shoulder, elbow = source.position(f"{side}_shoulder"), source.position(f"{side}_elbow")
     name = source.rig.joints[f"{side}_elbow"]
     if source.has(f"{side}_wrist"):
-        wrist = source.at(f"{side}_wrist")
+        wrist = source.position(f"{side}_wrist")
     elif name in source.clip.ends:
-        wrist = elbow + source.turned(f"{side}_elbow") @ source.clip.ends[name] * source.scale
+        wrist = elbow + source.rotation(f"{side}_elbow") @ source.clip.ends[name] * source.scale
     else:
         wrist = 2 * elbow - shoulder
     upper, lower = rot.normalized(elbow - shoulder), rot.normalized(wrist - elbow)
     torso = rot.to_matrix(body["torso"])
-    axis = _hinge_axis(upper, lower, source.turned(f"{side}_shoulder"), -torso[..., 1])
+    axis = _hinge_axis(upper, lower, source.rotation(f"{side}_shoulder"), -torso[..., 1])
     arm = frame_of(-upper, -axis)
     angle = np.arctan2(rot.dot(rot.cross(upper, lower), axis), rot.dot(upper, lower))
     body[f"{side}_upper_arm"] = rot.from_matrix(arm)
@@ -319,11 +323,11 @@ def _arm(source: Upright, side: str, body: dict[str, Array]) -> None:
     body[f"{side}_forearm"] = forearm
     body[f"{side}_hand"] = forearm
     if source.has(f"{side}_wrist") and source.facing is not None:
-        rest_arm = source.rest_at(f"{side}_wrist") - source.rest_at(f"{side}_elbow")
+        rest_arm = source.rest_position(f"{side}_wrist") - source.rest_position(f"{side}_elbow")
         down = source.facing.T @ rot.normalized(rest_arm)
         hang = rot.to_matrix(rot.between(-UP, down))
-        constant = source.turn.T @ source.facing @ hang
-        body[f"{side}_hand"] = rot.from_matrix(source.turned(f"{side}_wrist") @ constant)
+        constant = source.to_z_up.T @ source.facing @ hang
+        body[f"{side}_hand"] = rot.from_matrix(source.rotation(f"{side}_wrist") @ constant)
 
 
 def _start(root: Array, pelvis: Array, fps: float) -> tuple[float, Array]:

@@ -146,7 +146,7 @@ def _best_names(clip: Clip) -> dict[str, str]:
     """Return role to joint from the name set that finds most roles."""
     plain: dict[str, str] = {}
     for name in clip.joint_names:
-        plain.setdefault(_plain(name), name)
+        plain.setdefault(_simplified(name), name)
     best: dict[str, str] = {}
     for names in _NAME_SETS.values():
         found = {}
@@ -172,7 +172,7 @@ def _spellings(pattern: str, side: str) -> list[str]:
     return [side + part, side[0] + part, part + side, part + side[0]]
 
 
-def _plain(name: str) -> str:
+def _simplified(name: str) -> str:
     """Return a joint name without namespace, common prefix, separators and case."""
     name = re.split(r"[:|]", name)[-1]
     name = re.sub(r"[\s_.\-]", "", name).lower()

@@ -22,8 +22,8 @@ from mjmotion.body.limbs import Limbs
 from mjmotion.body.motion import Motion
 from mjmotion.clips.gait import check_humanoid
 from mjmotion.clips.gait_feet import Roll, Swing, both_feet, foot_shape, swing_shares
-from mjmotion.clips.gait_legs import SIDES, close_legs, knee_room, leg_of, pelvis_height
-from mjmotion.clips.gait_plan import Path, Segment, plan_path, plan_steps
+from mjmotion.clips.gait_legs import SIDES, close_legs, leg_of, pelvis_height, room_to_rise
+from mjmotion.clips.gait_plan import Segment, WalkPath, plan_path, plan_steps
 from mjmotion.clips.gait_table import GaitTable
 from mjmotion.exceptions import ClipError
 from mjmotion.numerics.rotations import exp, log, multiply, yaw_quat
@@ -131,7 +131,7 @@ def make_sneak(
     return Motion(character, _poses(character, path, path.phase(times), stride), fps)
 
 
-def _poses(character: Character, path: Path, psi: Array, stride: float) -> Array:
+def _poses(character: Character, path: WalkPath, psi: Array, stride: float) -> Array:
     """Return qpos (n, nq) at phases (n,)."""
     table = _table()
     model = character.model
@@ -140,13 +140,13 @@ def _poses(character: Character, path: Path, psi: Array, stride: float) -> Array
     steps = [plan_steps(path, side, _WIDTHS, _TOE_OUT, _MIDDLE) for side in SIDES]
     feet = partial(both_feet, steps, shapes, _swing(stride), roll=ROLL)
     grid = path.psi[::2]
-    room = knee_room(legs, _body(model, table, path, grid), feet(grid), KNEE)
+    room = room_to_rise(legs, _body(model, table, path, grid), feet(grid), KNEE)
     qpos = _body(model, table, path, psi)
     qpos[:, 2] += pelvis_height(grid, room, psi, _NEAR)
     return close_legs(legs, qpos, feet(psi))
 
 
-def _body(model: mujoco.MjModel, table: GaitTable, path: Path, psi: Array) -> Array:
+def _body(model: mujoco.MjModel, table: GaitTable, path: WalkPath, psi: Array) -> Array:
     """Return qpos (n, nq) by path and table; the root's height is 0."""
     place, heading, _ = path.at(psi)
     qpos = np.tile(model.qpos0, (len(psi), 1))

@@ -56,8 +56,8 @@ def read_csv(path: str | Path, character: CharacterLike, *, fps: float | None = 
     lines = [line for line in read_text(str(path), "CSV").splitlines() if line.strip()]
     header = [name.strip().strip('"') for name in lines[0].split(",")]
     character = Character.of(character)
-    wanted = column_names(character.model)
-    missing = [name for name in wanted if name not in header]
+    columns = column_names(character.model)
+    missing = [name for name in columns if name not in header]
     if missing:
         raise ClipError(
             f"'{path}' lacks the column{'s' * (len(missing) > 1)} {', '.join(missing[:4])}"
@@ -89,4 +89,4 @@ def read_csv(path: str | Path, character: CharacterLike, *, fps: float | None = 
             )
         fps = 1 / steps.mean()
         fps = float(round(fps)) if abs(fps - round(fps)) < 1e-4 * fps else float(fps)
-    return Motion(character, table[:, [header.index(name) for name in wanted]], fps)
+    return Motion(character, table[:, [header.index(name) for name in columns]], fps)

@@ -129,7 +129,7 @@ def find_unmet(
         exact = targets.turn_weight[:, column] == 1.0
         off.add_turn(f"orientation of {name[targets.sites[column]]}", index, exact, angle)
     if not (targets.relative or targets.look_at):
-        return tuple(sorted(off.found, key=lambda unmet: unmet.index))
+        return off.in_order()
     pose = _pose_at(motion, targets, bones)
     for one in targets.relative:
         label = f"{name[one.site]} to {name[one.to]}"
@@ -141,7 +141,7 @@ def find_unmet(
     for look in targets.look_at:
         label = f"look-at of {name[look.site]}"
         off.add(label, look.index, look.weight == 1.0, _look_at_gap(pose, look))
-    return tuple(sorted(off.found, key=lambda unmet: unmet.index))
+    return off.in_order()
 
 
 def _user_turns(
@@ -166,7 +166,7 @@ class _Off:
     frames: Index
     constraints: Sequence[Constraint]
     tolerance: float
-    found: list[Unmet] = dataclasses.field(default_factory=list)
+    found: list[tuple[int, Unmet]] = dataclasses.field(default_factory=list)
 
     def add(self, label: str, index: Index, exact: NDArray[np.bool_], gap: Array) -> None:
         """Note the constraints whose places (n,) [m] are off at frames where they are exact."""
@@ -184,11 +184,20 @@ class _Off:
                 degrees = float(np.degrees(angle[rows].max()))
                 self._note(label, int(which), rows, residual_mm=None, residual_deg=degrees)
 
+    def in_order(self) -> tuple[Unmet, ...]:
+        """Return what was noted, in the order of the constraints."""
+        return tuple(unmet for _, unmet in sorted(self.found, key=lambda found: found[0]))
+
     def _note(self, label: str, which: int, rows: NDArray[np.bool_], **residual: Any) -> None:
         source = self.constraints[which].source
         place = sum(one.source == source for one in self.constraints[:which])
         frames = tuple(int(frame) for frame in self.frames[rows])
-        self.found.append(Unmet(label, frames, **residual, index=place, source=source))
+        unmet = Unmet(label, frames, **residual, index=place, source=source)
+        self.found.append((which, unmet))
+
+    def in_order(self) -> tuple[Unmet, ...]:
+        """Return what was noted, in the order of the constraints."""
+        return tuple(unmet for _, unmet in sorted(self.found, key=lambda found: found[0]))
 
 
 def check_free(unmet: Sequence[Unmet], constraints: Sequence[Constraint]) -> None:

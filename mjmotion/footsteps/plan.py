@@ -211,13 +211,7 @@ def mean_shift(source: Motion, paths: Sequence[FootPath]) -> Array:
     return fit_multilevel(np.arange(source.nframe), mean, source.nframe, levels[:-1])
 
 
-def drop(
-    source: Motion,
-    pose: Pose,
-    paths: Sequence[FootPath],
-    shift: Array,
-    reach: tuple[float, float] = (REACH_FREE, REACH_MOST),
-) -> Array:
+def drop(source: Motion, pose: Pose, paths: Sequence[FootPath], shift: Array) -> Array:
     """Return how far the root must go down for every foot to be within reach (nframe,) [m].
 
     Args:
@@ -225,11 +219,8 @@ def drop(
       pose: its poses.
       paths: where its feet are to be.
       shift: (nframe, 3) how far the root is moved already [m].
-      reach: shares of a leg's length: that may always be asked for, and that may be asked for where
-        the source did.
     """
     need = np.full(source.nframe, -np.inf)
-    low, high = reach
     for path in paths:
         site = source.model.site(path.site)
         limb = source.character.limb_by_end.get(int(site.bodyid[0]))
@@ -240,7 +231,7 @@ def drop(
         ankle = pose.xanchor[:, source.model.body_jntadr[limb.end]]
         was = np.linalg.norm(hip - ankle, axis=1)
         long = float(limbs.reach[0])
-        most = np.clip(was, low * long, high * long)
+        most = np.clip(was, REACH_FREE * long, REACH_MOST * long)
         local = source.model.jnt_pos[source.model.body_jntadr[limb.end]] - site.pos
         goal = path.position + rotate(path.quat, np.broadcast_to(local, path.position.shape))
         need = np.maximum(need, drop_to_reach(hip + shift, goal, most, LEAST_HEIGHT * long))

@@ -47,13 +47,19 @@ def make_solver(
 
     Raises:
       FitError: an unknown name, rigidities that make no sense, something that is no solver, or one
-        that was not made for these bones.
+        that was not made for this body or these bones.
     """
     if not isinstance(ik, str):
         if not callable(getattr(ik, "prepare", None)):
             raise FitError(
                 f"ik is a {type(ik).__name__} without prepare(): give 'hybrid', 'numeric' or a"
                 " solver (see mjmotion.ik.solver)"
+            )
+        made = getattr(ik, "character", None)
+        if isinstance(made, Character) and (difference := made.different_from(character)):
+            raise FitError(
+                f"{type(ik).__name__} was made for another body than '{character.name}'"
+                f" ({difference}): make it for the motion's character"
             )
         if bones is not None and getattr(ik, "bones", None) is not bones:
             raise FitError(

@@ -30,6 +30,7 @@ from mjmotion.body.bones import Bones
 from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.kinematics import body_dofs
 from mjmotion.body.limbs import Limb, Limbs, LimbState
+from mjmotion.body.reach import drop_to_reach
 from mjmotion.constraints import Targets
 from mjmotion.constraints.shared_targets import Sensitivity
 from mjmotion.ik.body import Base, Reduced
@@ -390,11 +391,10 @@ def _rise(limbs: Limbs, state: LimbState, goal: Array) -> Array:
     if len(rows):
         base_quat = np.broadcast_to(state.base_quat, (*goal.shape[:2], 4))
         apart = rotate(base_quat[rows, which], goal[rows, which])
-        flat = apart[:, 0] ** 2 + apart[:, 1] ** 2
         beyond, longest = far[rows, which], reach[rows, which]
         length = np.where(beyond, longest, fold[rows, which])
-        wanted = np.sqrt(np.maximum(length**2 - flat, (0.5 * longest) ** 2 * beyond))
-        short = np.abs(apart[:, 2]) - wanted
+        # A goal over its hip is the same upside down; too near, a drop comes out negative.
+        short = drop_to_reach(np.abs(apart), np.zeros(3), length, 0.5 * longest * beyond)
         order = np.argsort(np.abs(short))  # the limb that is furthest off decides
         rise[rows[order]] = (np.sign(apart[:, 2]) * short)[order]
     return rise

@@ -73,19 +73,16 @@ class Ablation:
     deviation: float
 
 
-def compare(
-    job: Job, repeats: int = 5, comparisons: tuple[str, ...] = COMPARISONS
-) -> tuple[Ablation, ...]:
+def compare(job: Job, repeats: int = 5) -> tuple[Ablation, ...]:
     """Run a job with every method and measure the results.
 
     Args:
       job: the job.
       repeats: times are the medians of so many runs; the large optimisation runs once.
-      comparisons: which of :data:`COMPARISONS`.
     """
     measure = Measure(job)
     ablations = []
-    for comparison in comparisons:
+    for comparison in COMPARISONS:
         methods = METHODS[comparison]
         quick = {name: partial(run, job) for name, run in methods.items() if run is not spacetime}
         slow = {name: partial(run, job) for name, run in methods.items() if run is spacetime}

@@ -249,15 +249,13 @@ def add_sky(spec: mujoco.MjSpec) -> None:
     )
 
 
-def add_sun(
-    spec: mujoco.MjSpec, target: tuple[float, float, float] = (0.0, 0.0, 0.0), name: str = "sun"
-) -> None:
+def add_sun(spec: mujoco.MjSpec, target: tuple[float, float, float]) -> None:
     """Add a directional light that shines on ``target`` [m] from ahead and the right.
 
     Its shadows reach as far around ``target`` as the model's extent.
     """
     spec.worldbody.add_light(
-        name=_free_name(name, {light.name for light in spec.lights}),
+        name=_free_name("sun", {light.name for light in spec.lights}),
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
         pos=tuple(np.add(target, np.multiply(-_SUN_DISTANCE, _SUNSHINE))),
         dir=_SUNSHINE,

@@ -75,7 +75,6 @@ def add_heightfield(
     heights: ArrayLike,
     x_range: tuple[float, float],
     y_range: tuple[float, float],
-    material: str = GROUND,
 ) -> None:
     """Add a heightfield geom with its corners at the ends of the ranges.
 
@@ -85,7 +84,6 @@ def add_heightfield(
       heights: (nrow, ncol) [m], rows along +y, columns along +x, first and last on the edges.
       x_range: extent along x [m].
       y_range: extent along y [m].
-      material: name of the geom's material.
     """
     heights = np.asarray(heights, dtype=np.float64)
     low = float(heights.min())
@@ -103,7 +101,7 @@ def add_heightfield(
         type=mujoco.mjtGeom.mjGEOM_HFIELD,
         hfieldname=name,
         pos=(sum(x_range) / 2, sum(y_range) / 2, low),
-        material=material,
+        material=GROUND,
         castshadow=False,  # shadows of the ground on itself only give speckles
     )
 

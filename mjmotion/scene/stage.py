@@ -70,13 +70,12 @@ def add_mesh_material(spec: mujoco.MjSpec) -> str:
     return name
 
 
-def add_start(spec: mujoco.MjSpec, pos: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0) -> None:
-    """Put the start site on the ground at ``pos`` [m], facing ``yaw`` [rad]."""
-    height = float(ground_heights(spec, [pos])[0])
+def add_start(spec: mujoco.MjSpec) -> None:
+    """Put the start site on the ground at the origin, facing +x."""
+    height = float(ground_heights(spec, [(0.0, 0.0)])[0])
     spec.worldbody.add_site(
         name=START_SITE,
-        pos=(pos[0], pos[1], height),
-        quat=yaw_quat(yaw),
+        pos=(0.0, 0.0, height),
         size=(0.05, 0.05, 0.05),
         rgba=(0.1, 0.6, 0.2, 0.5),
         group=4,  # hidden unless asked for

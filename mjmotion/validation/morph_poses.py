@@ -36,15 +36,12 @@ class BodyPoses:
     geom_matrix: Array
 
 
-def body_poses(
-    body: ChangingBody, qpos: Array, frames: NDArray[np.int64] | None = None
-) -> BodyPoses:
+def body_poses(body: ChangingBody, qpos: Array) -> BodyPoses:
     """Return where sites and geoms are.
 
     Args:
       body: the body of every frame.
-      qpos: (n, nq) poses: of all frames, or of ``frames``.
-      frames: (n,) which of the body's frames.
+      qpos: (n, nq) poses of all frames.
     """
     model = copy.copy(body.model)
     data = mujoco.MjData(model)
@@ -52,8 +49,8 @@ def body_poses(
     site, geom = np.empty((count, model.nsite, 3)), np.empty((count, model.ngeom, 3))
     site_matrix = np.empty((count, model.nsite, 9))
     geom_matrix = np.empty((count, model.ngeom, 9))
-    for row, frame in enumerate(range(count) if frames is None else frames):
-        body.write(model, int(frame))
+    for row in range(count):
+        body.write(model, row)
         data.qpos[:] = qpos[row]
         mujoco.mj_kinematics(model, data)
         site[row], site_matrix[row] = data.site_xpos, data.site_xmat

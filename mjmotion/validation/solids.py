@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 _Geom = mujoco.mjtGeom
 _ROUND = (_Geom.mjGEOM_SPHERE, _Geom.mjGEOM_ELLIPSOID)
 _TINY = 1e-12
+_INSIDE = 1e-6  # a point counts as inside from this depth on [m]
 _SIEVE = 8  # faces that a quick look is at
 
 
@@ -212,20 +213,20 @@ def skin(solid: Solid, spacing: float, edge_spacing: float | None = None) -> Ski
     return Skin(point, np.concatenate(normals), np.arange(len(point))[:, None])
 
 
-def within(solid: Solid, points: Array, margin: float = 1e-6) -> NDArray[np.bool_]:
-    """Return which points (n, 3) in the geom's frame are at least ``margin`` [m] inside it."""
+def within(solid: Solid, points: Array) -> NDArray[np.bool_]:
+    """Return which points (n, 3) in the geom's frame are inside it."""
     if len(solid.vertex):
         room = solid.plane[:, 3] - points @ solid.plane[:, :3].T
-        return np.asarray((room > margin).all(axis=1))
+        return np.asarray((room > _INSIDE).all(axis=1))
     if solid.kind in _ROUND:
         inner = np.linalg.norm(points / solid.size, axis=1)
-        return np.asarray((1 - inner) * solid.size.min() > margin)
+        return np.asarray((1 - inner) * solid.size.min() > _INSIDE)
     radius, half = solid.size[0], solid.size[1]
     across = np.hypot(points[:, 0], points[:, 1])
     along = np.abs(points[:, 2]) - half
     if solid.kind == _Geom.mjGEOM_CAPSULE:
-        return np.asarray(np.hypot(across, np.maximum(along, 0.0)) < radius - margin)
-    return np.asarray((across < radius - margin) & (along < -margin))
+        return np.asarray(np.hypot(across, np.maximum(along, 0.0)) < radius - _INSIDE)
+    return np.asarray((across < radius - _INSIDE) & (along < -_INSIDE))
 
 
 def _clip(origin: Array, direction: Array, plane: Array) -> tuple[Array, Array]:

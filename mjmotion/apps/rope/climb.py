@@ -30,7 +30,7 @@ from mjmotion.clips.climb_grip import find_grips
 from mjmotion.clips.climb_plan import plan_holds
 from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import ConstraintError, ModelError
-from mjmotion.fitting import fit
+from mjmotion.fitting import TOLERANCE, Fit, fit
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.scene import Scene, compose, rope, without_scene
@@ -92,6 +92,7 @@ def climb_rope(
     length: float | None = None,
     edge: float = EDGE,
     levels: Sequence[float] | None = None,
+    tolerance: float = TOLERANCE,
     ik: str | IKSolver = "hybrid",
     progress: Progress = no_progress,
 ) -> RopeClimb:
@@ -102,48 +103,71 @@ def climb_rope(
       beam: height that the rope hangs from [m].
       length: of the rope [m]; down to 0.3 m over the floor without.
       edge: distance of the points that the rope is made of [m], about.
-      levels: frames a knot, coarse to fine.
+      levels: frames a knot of each level, coarse to fine.
+      tolerance: refinement stops once no constraint is off by more [m].
       ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
       progress: called with stage, done, of.
 
     Raises:
       ModelError: no such character, or it lacks hands and feet or the humanoid's joints.
       SceneError: a rope that cannot be.
-      ConstraintError: the rope is out of reach.
-      FitError: settings that make no sense, or a simulation that went astray.
+      ConstraintError, FitError: out of reach, or settings that make no sense.
     """
     other = Character.of(character)
     progress("hanging up the ropes", 0, 0)
     length = beam - _END if length is None else length
     scene = Scene.from_spec(rope(beam=beam, length=length, edge=edge), "rope")
-    holds, contacts = plan_holds(), climb_contacts()
     climbers = [compose(which, scene) for which in (ORIGINAL, other)]
     line = rope_points(climbers[0].model)
-    places_along(holds, line.rest[0], line.length)  # out of reach is known before any work
+    places_along(plan_holds(), line.rest[0], line.length)  # out of reach is known before any work
     progress("climbing", 0, 0)
     plan = plan_climb(other)
-    original, guess, constraints = plan.original, plan.guess, plan.constraints
-    progress("fitting", 0, 0)
-    fitted = fit(guess, constraints, levels=levels, ik=ik, first_guess=plan.shift)
-    motions = []
-    for number, motion in enumerate((original, fitted.motion)):
-        progress(f"simulating the rope of the {(ORIGINAL, other.name)[number]}", 0, 0)
-        poses = simulate(climbers[number].spec, motion, holds)
-        motions.append(Motion(climbers[number], poses, motion.fps))
+    fitted = fit(
+        plan.guess,
+        plan.constraints,
+        levels=levels,
+        tolerance=tolerance,
+        ik=ik,
+        first_guess=plan.shift,
+        progress=progress,
+    )
+    return _simulated(plan, fitted, climbers, progress)
+
+
+def _simulated(
+    plan: ClimbPlan, fitted: Fit, climbers: Sequence[Character], progress: Progress
+) -> RopeClimb:
+    """Return both climbs with a simulated rope each, measured.
+
+    Args:
+      plan: what was fitted.
+      fitted: the climb on the other character.
+      climbers: humanoid and rope, and the other character and rope.
+      progress: called with stage, done, of.
+    """
+    holds, motions = plan_holds(), []
+    for climber, motion in zip(climbers, (plan.original, fitted.motion), strict=True):
+        progress(f"simulating the rope of the {climber.name}", 0, 0)
+        motions.append(Motion(climber, simulate(climber.spec, motion, holds), motion.fps))
     progress("measuring", 0, 0)
+    alone = (plan.original.model, plan.guess.model)
+    figures = [
+        measure(motion, holds, find_grips(model))
+        for motion, model in zip(motions, alone, strict=True)
+    ]
     return RopeClimb(
-        character=other.name,
+        character=climbers[1].name,
         original=motions[0],
-        source=_with_rope(guess, motions),
+        source=_with_rope(plan.guess, motions),
         motion=motions[1],
         holds=holds,
-        contacts=contacts,
-        constraints=constraints,
+        contacts=climb_contacts(),
+        constraints=plan.constraints,
         trace=fitted.trace,
         unmet=fitted.unmet,
-        original_figures=measure(motions[0], holds, find_grips(original.model)),
-        figures=measure(motions[1], holds, find_grips(guess.model)),
-        jerk_ratio=joint_jerk_ratio(fitted.motion, (original,)),
+        original_figures=figures[0],
+        figures=figures[1],
+        jerk_ratio=joint_jerk_ratio(fitted.motion, (plan.original,)),
     )
 
 

@@ -116,7 +116,7 @@ def find_warp(
         min(begin + max(2, round(span)), first.nframe - 1),
         min(round(other) + max(2, round(span * ratio)), second.nframe - 1),
     )
-    curve = _curve(events, (begin, ends[0]), (round(other), ends[1]), ratio)
+    curve = _curve(events, (begin, ends[0]), (round(other), ends[1]))
     return _run(curve, begin, ends[0], length)
 
 
@@ -163,9 +163,7 @@ def _pairs(
     return np.array(rising).reshape(-1, 2)
 
 
-def _curve(
-    events: Array, first: tuple[int, int], second: tuple[int, int], ratio: float
-) -> tuple[Array, Array]:
+def _curve(events: Array, first: tuple[int, int], second: tuple[int, int]) -> tuple[Array, Array]:
     """Return the second clip's place over the first's: places (g,) and values (g,), rising.
 
     The straight line between the ends, bent smoothly to where the events are.

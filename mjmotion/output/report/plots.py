@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 PAPER_ERROR_PERCENT = (14.31, 9.24, 3.48, 1.06)
 
 _INK = "#010203"  # stands for the page's own text colour
-_HEEL, _TOE, _GROUND = "#2f7fc1", "#e07b39", "#8a8f98"
+_HEEL, _TOE = "#2f7fc1", "#e07b39"
 _ADAPTED, _SOURCE = "#2f7fc1", "#a9adb5"
 _BAD = "#cf4a4a"
 _STYLE: dict[str, Any] = {

@@ -26,6 +26,7 @@ _STEP = 0.5  # between the moments at which a view is chosen [s]
 _BEARINGS = np.radians(np.arange(0, 360, 15))
 _ELEVATIONS = np.radians([12.0, 24.0, 40.0])
 _FAVOURITE = np.radians(58.0)  # from the way of walking: three-quarter view from the front
+_REST_ELEVATION = 0.25  # of a camera at rest [rad]
 _LOOKAT_SIGMA = 0.4  # [s]
 _VIEW_SIGMA = 0.8  # [s]
 _CLEARANCE = 0.35  # of the camera over the ground [m]
@@ -141,7 +142,6 @@ def whole_walk(
     qpos: Array,
     aspect: float,
     fovy: float,
-    elevation: float = 0.25,
     body: MorphBody | None = None,
 ) -> CameraPath:
     """Return a camera at rest that sees all of ``qpos`` (n, nq) from the side of the walk.
@@ -151,7 +151,6 @@ def whole_walk(
       qpos: (n, nq) the poses that are to be in the picture.
       aspect: width over height of the picture.
       fovy: vertical field of view [degree].
-      elevation: of the camera [rad].
       body: the figure's size in each of these poses, where that changes.
     """
     low, high = figure_extent(model, qpos, body)
@@ -162,7 +161,7 @@ def whole_walk(
     along = np.linalg.svd(flat, full_matrices=False)[2][0] if len(qpos) > 1 else np.array([1.0, 0])
     along = along * (1.0 if along @ (qpos[-1, :2] - qpos[0, :2]) >= 0 else -1.0)
     bearing = float(np.arctan2(along[1], along[0]) - np.pi / 2)  # walks from left to right
-    back = _direction(np.array(bearing), np.array(elevation))
+    back = _direction(np.array(bearing), np.array(_REST_ELEVATION))
     right = np.array([-np.sin(bearing), np.cos(bearing), 0.0])
     up = np.cross(back, right)
     lookat = np.zeros(3)
@@ -176,7 +175,7 @@ def whole_walk(
         (np.abs(offset @ up) + 1.15 * radius) / tangent,
     )
     distance = float(np.max(need + offset @ back)) * 1.03
-    return CameraPath(lookat[None], np.array([bearing]), np.array([elevation]), distance)
+    return CameraPath(lookat[None], np.array([bearing]), np.array([_REST_ELEVATION]), distance)
 
 
 def figure_extent(

@@ -1,4 +1,4 @@
-"""Measures of the humanoid that a recording is put on with."""
+"""Dimensions of the humanoid that a recording is put on."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from mjmotion.exceptions import ModelError, unknown_name
 from mjmotion.numerics.rotations import Array
 
 
-class HumanoidMeasures:
-    """Measures of the humanoid that mapping needs, read from its model."""
+class HumanoidDimensions:
+    """Dimensions of the humanoid that mapping needs, read from its model."""
 
     def __init__(self, character: Character) -> None:
         self.model = model = character.model

@@ -18,7 +18,7 @@ _GLITCH = np.radians(8)  # a joint this far off its neighbouring frames has jump
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Upright:
+class UprightClip:
     """A clip turned so that z is up, in metres of the humanoid, and its rest pose if it has one.
 
     Attributes:
@@ -27,8 +27,8 @@ class Upright:
       facing: (3, 3) columns forward, left, up of the rest pose's body, or None where the rest pose
         is no standing person (rigs whose bones all lie along one axis).
       rest: (njoint, 3) joint positions of the rest pose, turned and scaled.
-      turn: (3, 3) from the file's axes to z up: every joint's rotation at rest.
-      axis: the file's vertical axis, such as ``"y"``.
+      to_z_up: (3, 3) from the file's axes to z up: every joint's rotation at rest.
+      up_axis: the file's vertical axis, such as ``"y"``.
       scale: metres of the humanoid per unit of the file.
     """
 
@@ -36,23 +36,23 @@ class Upright:
     rig: Rig
     facing: Array | None
     rest: Array
-    turn: Array
-    axis: str
+    to_z_up: Array
+    up_axis: str
     scale: float
 
     def has(self, role: str) -> bool:
         """Return whether the clip has the role's joint."""
         return role in self.rig.joints
 
-    def at(self, role: str) -> Array:
+    def position(self, role: str) -> Array:
         """Return (nframe, 3) positions of a role's joint."""
         return self.clip.positions[:, self.clip.index(self.rig.joints[role])]
 
-    def rest_at(self, role: str) -> Array:
+    def rest_position(self, role: str) -> Array:
         """Return the (3,) rest position of a role's joint."""
         return self.rest[self.clip.index(self.rig.joints[role])]
 
-    def turned(self, role: str) -> Array:
+    def rotation(self, role: str) -> Array:
         """Return (nframe, 3, 3) global rotations of a role's joint."""
         return self.clip.rotations[:, self.clip.index(self.rig.joints[role])]
 
@@ -119,7 +119,7 @@ def mend_glitches(clip: Clip) -> tuple[Clip, str | None]:
     return mended, f"{count} frames had joints that jump for a frame or two; they were mended"
 
 
-def make_upright(clip: Clip, rig: Rig, leg_length: float) -> Upright:
+def make_upright(clip: Clip, rig: Rig, leg_length: float) -> UprightClip:
     """Turn a clip so that z is up, and scale its legs to ``leg_length`` [m].
 
     Raises:
@@ -151,7 +151,7 @@ def make_upright(clip: Clip, rig: Rig, leg_length: float) -> Upright:
         rotations=turn @ clip.rotations,
     )
     rest = rest @ turn.T * scale
-    return Upright(upright, rig, _rest_facing(rest, index), rest, turn, axis, scale)
+    return UprightClip(upright, rig, _rest_facing(rest, index), rest, turn, axis, scale)
 
 
 def _up_axis(clip: Clip, index: dict[str, int]) -> str:
@@ -170,11 +170,11 @@ def _up_axis(clip: Clip, index: dict[str, int]) -> str:
 def _turn_up(axis: str) -> Array:
     """Return the rotation that takes a signed axis of the file to +z."""
     sign = -1.0 if axis.startswith("-") else 1.0
-    place = "xyz".index(axis[-1])
+    index = "xyz".index(axis[-1])
     up = np.zeros(3)
-    up[place] = sign
+    up[index] = sign
     # The axis after the vertical one becomes y or x: for Y up, the file's z becomes x (forward).
-    forward = np.roll(np.array((1.0, 0.0, 0.0)), (place + 1) % 3)
+    forward = np.roll(np.array((1.0, 0.0, 0.0)), (index + 1) % 3)
     return np.stack([forward, np.cross(up, forward), up])
 
 

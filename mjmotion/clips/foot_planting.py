@@ -1,0 +1,280 @@
+"""Feet of a clip on the humanoid: soles level in stance, pinned to the ground, within reach.
+
+The humanoid's foot is one rigid piece, a recorded foot bends at the ball. A foot that only copied
+the recording would push its toes through the ground at every heel-off. So each stance gets a pose
+of its own: level while the recorded foot is flat, then turning about the tip of the toe as high as
+the recorded ankle rises, and before it turning about the heel. The differences from the recorded
+pose are carried smoothly through the swings.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.body.reach import drop_to_reach
+from mjmotion.clips.dimensions import HumanoidDimensions
+from mjmotion.clips.recorded_feet import STILL, RecordedFoot, RecordedStance, find_stances
+from mjmotion.clips.rig import SIDES
+from mjmotion.clips.upright import UP, speed_of
+from mjmotion.numerics import rotations as rot
+from mjmotion.numerics.smoothing import cover
+
+Array = rot.Array
+
+_REACH = 0.9985  # of the leg's length: a knee is never straighter than 6 degrees
+_RISING = 0.05  # [rad] a foot pitched further has its heel off the ground
+_HEEL_DOWN = 0.04  # [m] a heel that is no higher, before flat stance, has struck
+_EVEN = 0.04  # [m] stances on flat ground differ by less
+_TILT = 0.04  # slope of a floor that was meant to be level
+_CLEAR = 0.004  # [m] how deep a sole may graze the ground in a swing
+_SHARP, _SOFT = 10.0, 1e-2  # [Hz] what corrections follow in contact; weight of none in swing
+
+
+def plant_feet(
+    root: Array,
+    pelvis: Array,
+    feet: Sequence[RecordedFoot],
+    humanoid: HumanoidDimensions,
+    fps: float,
+) -> tuple[Array, list[RecordedFoot]]:
+    """Put the soles on the ground at z = 0 and the ankles within reach.
+
+    Args:
+      root: (nframe, 3) positions of the pelvis [m].
+      pelvis: (nframe, 4) its orientations.
+      feet: the left and the right foot.
+      humanoid: lengths and places of its parts.
+      fps: frames a second.
+
+    Returns:
+      The moved root and feet.
+    """
+    sole = -float(humanoid.site("left_foot")[2])
+    stances = [find_stances(foot, sole, fps) for foot in feet]
+    ground, uneven = _ground(feet, stances, sole)
+    root = root - (ground[0] + root[:, :2] @ ground[1:])[:, None] * UP
+    pinned = []
+    for side, foot, group in zip(SIDES, feet, stances, strict=True):
+        heel, toe = humanoid.site(f"{side}_heel"), humanoid.site(f"{side}_toe")
+        under = ground[0] + foot.ankle[:, :2] @ ground[1:]
+        low = [
+            dataclasses.replace(s, height=s.height - float(np.mean(under[s.start : s.end])))
+            for s in group
+        ]
+        if not uneven:
+            low = [_on_flat_ground(s) for s in low]
+        pinned.append(_pin(foot.lowered(under), low, heel, toe, fps))
+    drop = np.zeros(len(root))
+    for at, side in enumerate(SIDES):
+        hip = root + rot.rotate(pelvis, humanoid.hips[side])
+        toe = humanoid.site(f"{side}_toe")
+        # A leg that trails behind raises its heel further; only then does the pelvis come down.
+        for _ in range(4):
+            lack = drop_to_reach(hip, pinned[at].ankle, _REACH * humanoid.leg)
+            rising = rot.rotate(pinned[at].quat, toe)[:, 2] < toe[2] - _RISING * toe[0]
+            lack = np.where(rising, np.maximum(lack, 0.0), 0.0)
+            if lack.max() < 1e-3:
+                break
+            pinned[at] = pinned[at].tipped(cover(lack, 0.12 * fps) / toe[0], toe)
+        drop = np.maximum(drop, drop_to_reach(hip, pinned[at].ankle, _REACH * humanoid.leg))
+    return root - cover(drop, 0.4 * fps)[:, None] * UP, pinned
+
+
+def _ground(
+    feet: Sequence[RecordedFoot], stances: Sequence[Sequence[RecordedStance]], sole: float
+) -> tuple[Array, bool]:
+    """Return the plane (height, slope along x, slope along y) under a clip, and if it is uneven.
+
+    A capture volume whose floor was a little tilted gives a walk that sinks or climbs steadily; the
+    plane takes that out. Where the stances do not lie on one nearly level plane, the recorded
+    ground was uneven: the plane is then level, at the lowest stance.
+    """
+    rows = [
+        (*foot.ball[s.start : s.end, :2].mean(axis=0), s.height)
+        for foot, group in zip(feet, stances, strict=True)
+        for s in group
+        if s.level
+    ]
+    if not rows:
+        lowest = min(float(foot.ankle[:, 2].min()) for foot in feet)
+        return np.array((lowest - sole, 0.0, 0.0)), True
+    table = np.array(rows)
+    height = table[:, 2]
+    plane = np.array((float(np.median(height)), 0.0, 0.0))
+    near = np.abs(height - plane[0]) < _EVEN
+    if near.sum() >= 4:
+        # Slopes the stances do not show, such as across a straight walk, stay zero (ridge).
+        centre = table[near, :2].mean(axis=0)
+        spread = table[near, :2] - centre
+        slope = np.linalg.solve(
+            spread.T @ spread + 0.1 * np.eye(2), spread.T @ (height[near] - height[near].mean())
+        )
+        if np.linalg.norm(slope) < _TILT:
+            plane = np.array((height[near].mean() - centre @ slope, *slope))
+    rest = height - plane[0] - table[:, :2] @ plane[1:]
+    # A foot that stands still on its toes looks like a step; most stances tell the ground.
+    if np.mean(np.abs(rest) < _EVEN / 2) >= 0.6 and np.abs(rest).max() < 2 * _EVEN:
+        return plane, False
+    return np.array((float(height.min()), 0.0, 0.0)), True
+
+
+def _on_flat_ground(stance: RecordedStance) -> RecordedStance:
+    """Return a stance on flat ground; one that seems higher is on its toes, one askew is level."""
+    if abs(stance.height) < _EVEN / 2 and stance.level:
+        return stance
+    return dataclasses.replace(stance, flat=stance.flat[:0], level=True, height=0.0)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _StanceGoals:
+    """What the stances ask of a foot in each frame; filled stance by stance, in place.
+
+    Attributes:
+      quat: (nframe, 4) orientation of the foot body.
+      turned: (nframe,) weight of that orientation, 1 or 0.
+      contact: (nframe, 3) the point that stands, in the foot body [m].
+      position: (nframe, 3) where it stands [m].
+      fixed: (nframe,) weight of that position, 1 or 0.
+    """
+
+    quat: Array
+    turned: Array
+    contact: Array
+    position: Array
+    fixed: Array
+
+    @classmethod
+    def none(cls, foot: RecordedFoot) -> _StanceGoals:
+        """Return goals that ask nothing: the foot as recorded, no weights."""
+        n = len(foot.ankle)
+        zeros = np.zeros
+        return cls(np.array(foot.quat), zeros(n), zeros((n, 3)), zeros((n, 3)), zeros(n))
+
+    def fix(self, frames: NDArray[np.int64], contact: Array, position: Array) -> None:
+        """Ask for a point of the foot body to be at a position (3,) [m] in some frames."""
+        self.contact[frames], self.position[frames], self.fixed[frames] = contact, position, 1.0
+
+    def turn(self, frames: NDArray[np.int64], quat: Array) -> None:
+        """Ask for orientations (n, 4) in some frames."""
+        self.quat[frames], self.turned[frames] = quat, 1.0
+
+
+def _pin(
+    foot: RecordedFoot, stances: Sequence[RecordedStance], heel: Array, toe: Array, fps: float
+) -> RecordedFoot:
+    """Return the foot with its soles level and its contact points fixed in every stance."""
+    goals = _StanceGoals.none(foot)
+    for stance in stances:
+        if not stance.level:
+            goals.fix(stance.flat, np.zeros(3), foot.ankle[stance.flat].mean(axis=0))
+            continue
+        tip, yaw = _roll_over_toe(goals, foot, stance, toe)
+        if len(stance.flat):
+            back = tip + rot.rotate(yaw, heel - toe)
+            _roll_over_heel(goals, foot, stance, heel, back, fps)
+    change = rot.log(rot.multiply(goals.quat, rot.conjugate(foot.quat)))
+    quat = rot.multiply(rot.exp(smooth_correction(change, goals.turned, fps)), foot.quat)
+    return _fix_contacts(dataclasses.replace(foot, quat=quat), goals, heel, toe, fps)
+
+
+def _roll_over_toe(
+    goals: _StanceGoals, foot: RecordedFoot, stance: RecordedStance, toe: Array
+) -> tuple[Array, Array]:
+    """Level the foot in flat stance, then turn it about the tip of its toe, heel up.
+
+    Returns:
+      Where the tip stands (3,) [m], and the yaw (4,) of the foot.
+    """
+    frames = np.arange(stance.start, stance.end)
+    # The foot turns about the tip of its toe as far as brings the ankle to its height.
+    radius, flat_angle = np.hypot(toe[0], toe[2]), np.arctan2(-toe[2], toe[0])
+    sine = (foot.ankle[frames, 2] - stance.height) / radius
+    pitch = np.maximum(np.arcsin(np.clip(sine, -1, 1)) - flat_angle, 0.0)
+    flat = stance.flat
+    if len(flat):
+        pitch[frames <= flat[-1]] = 0.0
+    else:
+        flat = frames[[int(np.argmin(sine))]]
+    forward = rot.rotate(foot.quat[flat], np.array((1.0, 0.0, 0.0))).mean(axis=0)
+    yaw = rot.yaw_quat(np.arctan2(forward[1], forward[0]))
+    zero = np.zeros(len(frames))
+    tilt = np.stack([np.cos(pitch / 2), zero, np.sin(pitch / 2), zero], axis=-1)
+    quat = rot.multiply(np.broadcast_to(yaw, tilt.shape), tilt)
+    tip = (foot.ankle[flat] + rot.rotate(quat[flat - stance.start], toe)).mean(axis=0)
+    tip[2] = 0.0 if abs(stance.height) < _EVEN / 2 else stance.height
+    # Straight over its toe a rigid foot can rise no more; it leaves the ground before.
+    use = sine < 0.95
+    if len(stance.flat):
+        use &= frames >= flat[0]
+    goals.turn(frames[use], quat[use])
+    goals.fix(frames[use], toe, tip)
+    return tip, yaw
+
+
+def _roll_over_heel(
+    goals: _StanceGoals,
+    foot: RecordedFoot,
+    stance: RecordedStance,
+    heel: Array,
+    position: Array,
+    fps: float,
+) -> None:
+    """Fix the heel at its ``position`` (3,) [m] from where it has struck up to flat stance."""
+    recorded = foot.point(heel)
+    struck = recorded[:, 2] - stance.height < _HEEL_DOWN
+    struck &= speed_of(recorded, fps) < 3 * STILL
+    first = int(stance.flat[0])
+    while first > 0 and struck[first - 1] and goals.fixed[first - 1] == 0:
+        first -= 1
+    goals.fix(np.arange(first, stance.flat[0]), heel, position)
+
+
+def _fix_contacts(
+    foot: RecordedFoot, goals: _StanceGoals, heel: Array, toe: Array, fps: float
+) -> RecordedFoot:
+    """Return the turned foot moved so that its contact points stand and swings clear the ground."""
+    shift, fixed = goals.position - foot.point(goals.contact), goals.fixed
+    moved = smooth_correction(shift, fixed, fps)
+    lowest = np.minimum(foot.point(heel)[:, 2], foot.point(toe)[:, 2])
+    # In the swing nothing holds the sole up: lift it where it would cut through the ground.
+    for _ in range(4):
+        low = lowest + moved[:, 2]
+        deep = (low < -_CLEAR) & (fixed == 0)
+        if not deep.any():
+            break
+        shift[deep, 2] = moved[deep, 2] + _CLEAR / 2 - low[deep]
+        fixed = np.maximum(fixed, deep)
+        moved[:, 2] = smooth_correction(shift[:, 2:], fixed, fps)[:, 0]
+    return foot.moved_by(moved)
+
+
+def smooth_correction(values: Array, weight: Array, fps: float) -> Array:
+    """Return a smooth curve through ``values`` where they count, going to zero where they do not.
+
+    Least squares on the distance to the values, to zero, and on the third differences.
+
+    Args:
+      values: (nframe, n).
+      weight: (nframe,) 1 where a value counts, 0 where it does not.
+      fps: frames a second.
+
+    Returns:
+      (nframe, n).
+    """
+    nframe = len(values)
+    if nframe < 4 or not weight.any():
+        return values * weight[:, None]
+    from scipy.linalg import solveh_banded
+
+    stiff = (2 * np.sin(np.pi * min(_SHARP / fps, 0.5))) ** -6.0
+    difference = np.array((-1.0, 3.0, -3.0, 1.0))
+    band = np.zeros((4, nframe))  # lower diagonals of the matrix
+    for row in range(4):
+        for lag in range(4 - row):
+            band[lag, row : nframe - 3 + row] += stiff * difference[row] * difference[row + lag]
+    band[0] += weight + _SOFT * (1 - weight)
+    return np.asarray(solveh_banded(band, values * weight[:, None], lower=True))
