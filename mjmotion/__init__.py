@@ -1,4 +1,4 @@
-"""Fit recorded motions to other ground, bodies and wishes, on MuJoCo (Lee and Shin, SIGGRAPH '99).
+"""Fit recorded motions to other ground, other bodies and constraints of one's own, on MuJoCo.
 
     from mjmotion import adapt
 

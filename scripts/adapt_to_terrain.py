@@ -8,12 +8,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from mjmotion import result_folder, write_results
 from mjmotion.apps.adaptation import adapt
-from mjmotion.clips import load_clip
-from mjmotion.output.report import table
 from mjmotion.scene import Scene, terrain
-from mjmotion.validation import validate
 
 
 def main() -> None:
@@ -25,11 +21,9 @@ def main() -> None:
     args = parser.parse_args()
 
     scene = Scene.from_spec(terrain(args.seed, height=args.height), "terrain")
-    adaptation = adapt(load_clip(args.clip), scene)
-    validation = validate(adaptation.source, adaptation.motion, adaptation.contacts)
-    with result_folder(args.out) as folder:
-        write_results(folder, adaptation, validation, video=False)
-    print(table(validation))
+    result = adapt(args.clip, scene)
+    result.save(args.out)
+    print(result.validate())
 
 
 if __name__ == "__main__":

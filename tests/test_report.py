@@ -17,7 +17,7 @@ from mjmotion.constraints.unmet import Unmet
 from mjmotion.exceptions import MotionError, OutputError
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.output.reading import read_results
-from mjmotion.output.report import Report, table
+from mjmotion.output.report import Report
 from mjmotion.validation import THRESHOLDS, validate
 from mjmotion.validation.result import LABELS
 
@@ -111,7 +111,7 @@ def test_json_stays_strict_where_a_foot_stands_on_nothing(tmp_path: Path) -> Non
 
 def test_table_is_aligned_and_says_what_is_broken() -> None:
     report = make()
-    lines = table(report.validation).splitlines()
+    lines = report.validation.table().splitlines()
     assert len(lines) == 1 + len(LABELS)
     gap = next(line for line in lines if line.startswith("stance gap, planes"))
     assert re.search(r"3\.000 mm +≤ 2 +BROKEN +frame 7, left_heel over floor", gap)

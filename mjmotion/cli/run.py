@@ -98,13 +98,11 @@ def tell(
     Returns:
       The exit code: 1 where a threshold is broken or a constraint of the user's own is not met.
     """
-    from mjmotion.output.report import table
-
     motion = result.motion
     say(f"{title}: {motion.nframe} frames at {motion.fps:g} fps", "")
     if result.trace is not None:
         say(*level_lines(result.trace), "")
-    say(table(validation), "")
+    say(validation.table(), "")
     for one in result.unmet:
         # What the scene asked has its own figures and thresholds; it is told, and no more.
         mine = one.source == "user"

@@ -1,18 +1,18 @@
 """A constraints file, YAML or JSON: a list; each entry names a site, its frames, what it wants.
 
 - site: left_hand
-frames: [60, 80]            # from 60 up to, not including, 80
-position: [1.2, 0.4, 1.1]   # one point [m], or one a frame
-quat: [1, 0, 0, 0]          # orientation wxyz, optional
-weight: 1.0                 # 0 to 1, optional: 1 is exact, less is a wish
-free: [x, y, yaw]           # optional: what all frames may do together, but not slide
+  frames: [60, 80]            # from 60 up to, not including, 80
+  position: [1.2, 0.4, 1.1]   # one point [m], or one a frame
+  quat: [1, 0, 0, 0]          # orientation wxyz, optional
+  weight: 1.0                 # 0 to 1, optional: 1 is exact, less gives way
+  free: [x, y, yaw]           # optional: what all frames may do together, but not slide
 - site: left_hand
-frames: [60, 80]
-to: pelvis                  # in that site's frame: a hand on the hip
-position: [0.0, 0.2, 0.05]
+  frames: [60, 80]
+  to: pelvis                  # in that site's frame: a hand on the hip
+  position: [0.0, 0.2, 0.05]
 - site: face
-frames: [60, 80]
-look_at: [2.0, 0.0, 1.0]    # a world point; axis: [1, 0, 0] is the site's own
+  frames: [60, 80]
+  look_at: [2.0, 0.0, 1.0]    # a world point; axis: [1, 0, 0] is the site's own
 """
 
 from __future__ import annotations

@@ -184,10 +184,6 @@ class _Off:
                 degrees = float(np.degrees(angle[rows].max()))
                 self._note(label, int(which), rows, residual_mm=None, residual_deg=degrees)
 
-    def in_order(self) -> tuple[Unmet, ...]:
-        """Return what was noted, in the order of the constraints."""
-        return tuple(unmet for _, unmet in sorted(self.found, key=lambda found: found[0]))
-
     def _note(self, label: str, which: int, rows: NDArray[np.bool_], **residual: Any) -> None:
         source = self.constraints[which].source
         place = sum(one.source == source for one in self.constraints[:which])

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.validation.row import Row
+from mjmotion.validation.text import table
 from mjmotion.validation.thresholds import (
     AT_LEAST,
     THRESHOLDS,
@@ -52,23 +54,7 @@ class Worst:
         return self.where if self.frame is None else f"frame {self.frame}, {self.where}"
 
 
-@dataclasses.dataclass(frozen=True)
-class Row:
-    """One line of the table: a figure, its bound, and whether it holds.
-
-    ``ok`` is None where there is no threshold or nothing was there to measure.
-    """
-
-    figure: str
-    label: str
-    value: float
-    unit: str
-    threshold: str
-    ok: bool | None
-    where: str
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Validation:
     """The figures of one motion.
 
@@ -98,6 +84,19 @@ class Validation:
     thresholds: dict[str, Threshold]
     fps: float
     nframe: int
+
+    def __repr__(self) -> str:
+        judged = [row for row in self.summary() if row.ok is not None]
+        broken = self.broken()
+        text = f"{len(judged) - len(broken)} of {len(judged)} figures within thresholds"
+        return f"<Validation: {text}{'; broken: ' + ', '.join(broken) if broken else ''}>"
+
+    def __str__(self) -> str:
+        return self.table()
+
+    def table(self) -> str:
+        """Return the figures as lines of aligned columns: figure, value, bound, verdict, worst."""
+        return table(self.summary())
 
     def bounds(self, name: str, thresholds: Mapping[str, Threshold] | None = None) -> Threshold:
         """Return the bound that holds for a figure here: a number, (lower, upper), or None.

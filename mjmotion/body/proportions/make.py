@@ -44,7 +44,7 @@ def make_character(source: CharacterLike, proportions: Proportions | None = None
         if total is not None:
             spec.compiler.settotalmass = total * _mass(spec) / _mass(_untouched(source))
         _scale_tendons(spec, before, after)
-        return Character(_compile(spec, name), spec, name)
+        return Character(_compile(spec, name), spec, proportions.named(name))
     except (ValueError, mujoco.FatalError) as error:
         raise ModelError(
             f"'{name}' cannot be given these proportions: {mujoco_message(error)}"

@@ -44,6 +44,11 @@ class Proportions:
     width: float = 1.0
     size: float = 1.0
 
+    def named(self, name: str) -> str:
+        """Return a body's name with what is other about it, such as ``humanoid, legs 1.2``."""
+        factors = dataclasses.asdict(self).items()
+        return ", ".join([name, *(f"{part} {x:g}" for part, x in factors if x != 1.0)])
+
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)

@@ -7,8 +7,7 @@ report.write("out/walk")
 
 from __future__ import annotations
 
-from mjmotion.output.report.data import table
 from mjmotion.output.report.report import Report, write_report
 from mjmotion.output.report.summary import summary_html
 
-__all__ = ["Report", "summary_html", "table", "write_report"]
+__all__ = ["Report", "summary_html", "write_report"]

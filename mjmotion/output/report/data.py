@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
@@ -62,7 +61,7 @@ class ReportData:
 
     def table(self) -> str:
         """Return the figures as text, for a terminal."""
-        return table(self.validation)
+        return self.validation.table()
 
     def as_dict(self) -> dict[str, Any]:
         """Return what ``report.json`` holds: plain numbers; None for what was not there to measure.
@@ -91,42 +90,6 @@ class ReportData:
             },
         }
         return dict(as_numbers(whole))
-
-
-def table(validation: Validation) -> str:
-    """Return the figures as lines of aligned columns: figure, value, bound, verdict, worst."""
-    verdict = {True: "ok", False: "BROKEN", None: ""}
-    cells = [("figure", "value", "", "bound", "", "worst")]
-    for row in validation.summary():
-        cells.append(
-            (
-                row.label,
-                number(row.value),
-                row.unit,
-                row.threshold,
-                verdict[row.ok],
-                row.where,
-            )
-        )
-    width = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
-    lines = []
-    for line in cells:
-        label, value, unit, bound, ok, where = (
-            text.rjust(width[i]) if i == 1 else text.ljust(width[i]) for i, text in enumerate(line)
-        )
-        lines.append(f"{label}  {value} {unit}  {bound}  {ok}  {where}".rstrip())
-    return "\n".join(lines)
-
-
-def number(value: float) -> str:
-    """Return a figure as people read it: three decimals at most, ``–`` for none."""
-    if math.isnan(value):
-        return "–"
-    if math.isinf(value):
-        return "∞" if value > 0 else "-∞"
-    if value != 0 and abs(value) < 1e-3:
-        return "0.000" if abs(value) < 1e-9 else f"{value:.1e}"
-    return f"{value:.3f}" if abs(value) < 100 else f"{value:.1f}"
 
 
 def residual_text(unmet: Mapping[str, Any]) -> str:

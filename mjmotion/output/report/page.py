@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.output.report import plots
-from mjmotion.output.report.data import ReportData, number, residual_text
+from mjmotion.output.report.data import ReportData, residual_text
+from mjmotion.validation.text import number
 
 Picture = NDArray[np.uint8] | bytes
 

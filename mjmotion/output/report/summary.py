@@ -9,7 +9,8 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.output.report.data import ReportData, number, residual_text
+from mjmotion.output.report.data import ReportData, residual_text
+from mjmotion.validation.text import number
 
 
 def summary_html(
