@@ -138,7 +138,7 @@ def walk(seconds: float = 3.0, fps: float = 30.0) -> Motion:
         out = 0.15 if side == "left" else -0.15
         turn = np.column_stack((np.full_like(swing, out), swing, np.zeros_like(swing)))
         for row, vector in zip(qpos, turn, strict=True):
-            angle = float(np.linalg.norm(vector))
-            mujoco.mju_axisAngle2Quat(row[at : at + 4], vector / angle, angle)
+            length = float(np.linalg.norm(vector))
+            mujoco.mju_axisAngle2Quat(row[at : at + 4], vector / length, length)
         qpos[:, model.joint(f"{side}_elbow").qposadr[0]] = 0.3
     return Motion(model, qpos, fps)

@@ -5,6 +5,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 PATH = Path(__file__).parents[1] / "models" / "mjcf" / "humanoid.xml"
 HEIGHT = 1.75
@@ -59,7 +60,7 @@ def at(model: mujoco.MjModel, qpos: np.ndarray | None = None) -> mujoco.MjData:
     return data
 
 
-def turned(model: mujoco.MjModel, joint: str, turn: tuple[float, float, float]) -> mujoco.MjData:
+def turned(model: mujoco.MjModel, joint: str, turn: ArrayLike) -> mujoco.MjData:
     """The pose with one ball joint (or the root) turned by a rotation vector [rad]."""
     dof = np.zeros(model.nv)
     address = model.jnt_dofadr[model.joint(joint).id] + (3 if joint == "root" else 0)
@@ -96,7 +97,7 @@ def lowest(model: mujoco.MjModel, data: mujoco.MjData, body: str) -> float:
     low = np.inf
     for geom in np.flatnonzero(model.geom_bodyid == model.body(body).id):
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-            low = min(low, vertices(model, data, geom)[:, 2].min())
+            low = min(low, vertices(model, data, int(geom))[:, 2].min())
         else:
             assert model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE
             low = min(low, data.geom_xpos[geom, 2] - model.geom_size[geom, 0])
@@ -295,7 +296,7 @@ def test_signs_of_the_limits(
 ) -> None:
     turn = np.zeros(3)
     turn[axis] = 0.3 * sign
-    step = turned(model, joint, tuple(turn)).site(site).xpos - at(model).site(site).xpos
+    step = turned(model, joint, turn).site(site).xpos - at(model).site(site).xpos
     assert step[moved] * way > 0.01
     low, high = limit(model, joint)[axis]
     larger = high if sign > 0 else -low

@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from made_up import some
 
 from mjmotion.body.motion import Motion
 from mjmotion.constraints.unmet import Unmet
@@ -193,9 +194,11 @@ class _Page(HTMLParser):
             self.open.append(tag)
         for name, value in attrs:
             if name == "id":
-                self.ids.append(value)
-            if name in ("src", "href", "xlink:href") and not value.startswith(("data:", "#")):
-                self.loads.append(value)
+                self.ids.append(some(value))
+            if name in ("src", "href", "xlink:href"):
+                address = some(value)
+                if not address.startswith(("data:", "#")):
+                    self.loads.append(address)
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.handle_starttag(tag, attrs)

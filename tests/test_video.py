@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from made_up import some
 
 from mjmotion import exceptions
 from mjmotion.body.kinematics import RayCaster
@@ -53,7 +54,7 @@ FIGURE = """
 """
 
 
-SideBySide = tuple[Path, list[tuple[int, int]], dict[str, Any], list[np.ndarray]]
+SideBySide = tuple[Path, list[tuple[str, int, int]], dict[str, Any], list[np.ndarray]]
 
 
 def heights(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -133,10 +134,9 @@ def orange(image: np.ndarray) -> np.ndarray:
 
 
 def decode(path: Path) -> tuple[dict[str, Any], list[np.ndarray]]:
-    import imageio.v2 as imageio
+    import imageio.v3 as imageio
 
-    with imageio.get_reader(path, format="FFMPEG") as reader:
-        return reader.get_meta_data(), [np.asarray(frame) for frame in reader]
+    return imageio.immeta(path, plugin="FFMPEG"), list(imageio.imiter(path, plugin="FFMPEG"))
 
 
 # --- the video ------------------------------------------------------------------------------------
@@ -148,7 +148,7 @@ def side_by_side(gl: None, tmp_path_factory: pytest.TempPathFactory) -> SideBySi
     model = figure_on(hills)
     source = walk(model, nframe=96, fps=120.0)
     motion = source.replace(source.qpos + np.eye(model.nq)[2] * 0.3)
-    calls: list[tuple[int, int]] = []
+    calls: list[tuple[str, int, int]] = []
     path = render_video(
         folder / "walk.mp4",
         motion,
@@ -454,7 +454,7 @@ def test_writer_refuses_what_it_cannot_write(tmp_path: Path, path: str) -> None:
 def test_a_failing_encoder_is_an_output_error_and_does_not_hang(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", shutil.which("false"))
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", some(shutil.which("false")))
 
     def write_much() -> None:
         with VideoWriter(tmp_path / "a.mp4", 96, 64, 30.0) as writer:
