@@ -7,6 +7,8 @@ says of each scene, and against each other.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
+from collections.abc import Set as AbstractSet
 
 import mujoco
 import numpy as np
@@ -22,7 +24,9 @@ ABOVE = 0.3  # from where the fit looks on, over what is highest there [m]
 FLOOR = '<geom name="floor" type="plane" size="9 9 .1"/>'
 
 
-def blocks(x: list[float], y: list[float], z: list[float], hollow: set[tuple[int, ...]]) -> str:
+def blocks(
+    x: list[float], y: list[float], z: list[float], hollow: AbstractSet[tuple[int, ...]]
+) -> str:
     """The surface of a pile of blocks between the coordinates given, without the hollow ones."""
     filled = set(np.ndindex(len(x) - 1, len(y) - 1, len(z) - 1)) - hollow
     number: dict[tuple[int, ...], int] = {}
@@ -144,7 +148,9 @@ def test_the_obstacles_are_the_same(name: str) -> None:
 
 @pytest.mark.parametrize(("depth", "solid"), [(0.0009, True), (0.0011, False)])
 @pytest.mark.parametrize("shape", [pit, grooves])
-def test_a_millimetre_makes_a_mesh_hollow(shape, depth: float, solid: bool) -> None:
+def test_a_millimetre_makes_a_mesh_hollow(
+    shape: Callable[[float], str], depth: float, solid: bool
+) -> None:
     place = scene(mesh(shape(depth)))
     assert len(convex_obstacles(place.model)) == solid
     assert len(judges.Ground(place.model).convex) == solid

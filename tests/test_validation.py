@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from made_up import some
 
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, MotionError
 from mjmotion.footsteps.contacts import Contact
-from mjmotion.validation import validate
+from mjmotion.validation import Validation, validate
 from mjmotion.validation.figures import joint_jerk, sole_sites
 
 FPS = 30.0
@@ -29,7 +31,9 @@ CHARACTER = """
 PLANE = '<geom name="floor" type="plane" size="5 5 .1"/>'
 
 
-def build(scene: str = PLANE, assets: str = "", heights: np.ndarray | None = None):
+def build(
+    scene: str = PLANE, assets: str = "", heights: np.ndarray | None = None
+) -> mujoco.MjModel:
     xml = f"<mujoco><asset>{assets}</asset><worldbody>{scene}{CHARACTER}</worldbody></mujoco>"
     spec = mujoco.MjSpec.from_string(xml)
     if heights is not None:
@@ -41,15 +45,22 @@ def standing(model: mujoco.MjModel, nframe: int = 40) -> np.ndarray:
     return np.tile(model.qpos0, (nframe, 1))
 
 
-def check(model, qpos, contacts=(), source=None, **options):
+def check(
+    model: mujoco.MjModel,
+    qpos: np.ndarray,
+    contacts: Sequence[Contact] = (),
+    source: np.ndarray | None = None,
+    thresholds: Mapping[str, object] | None = None,
+) -> Validation:
     source = standing(model, len(qpos)) if source is None else source
-    return validate(Motion(model, source, FPS), Motion(model, qpos, FPS), contacts, **options)
+    before, motion = Motion(model, source, FPS), Motion(model, qpos, FPS)
+    return validate(before, motion, contacts, thresholds=thresholds)
 
 
 BOTH = (Contact("foot_heel", 0, 40), Contact("foot_toe", 0, 40))
 
 
-def test_a_still_stance_breaks_nothing():
+def test_a_still_stance_breaks_nothing() -> None:
     model = build()
     result = check(model, standing(model), BOTH)
     for name in ("stance_drift_mm", "stance_gap_max_mm", "foot_skate_mm_s", "sole_penetration_mm"):
@@ -60,7 +71,7 @@ def test_a_still_stance_breaks_nothing():
     assert result.broken() == []
 
 
-def test_drift_is_the_largest_distance_from_the_mean_place():
+def test_drift_is_the_largest_distance_from_the_mean_place() -> None:
     model = build()
     qpos = standing(model)
     qpos[:10, 0] = 0.001 * np.arange(10)  # 0 to 9 mm, mean 4.5
@@ -77,7 +88,7 @@ def test_drift_is_the_largest_distance_from_the_mean_place():
 
 
 @pytest.mark.parametrize("height", [0.003, -0.003])
-def test_gap_counts_above_and_below(height):
+def test_gap_counts_above_and_below(height: float) -> None:
     model = build()
     qpos = standing(model)
     qpos[17, 2] += height
@@ -92,7 +103,7 @@ def test_gap_counts_above_and_below(height):
     )
 
 
-def test_gap_on_a_heightfield_is_the_95th_percentile():
+def test_gap_on_a_heightfield_is_the_95th_percentile() -> None:
     model = build(
         '<geom name="field" type="hfield" hfield="h"/>',
         '<hfield name="h" nrow="11" ncol="11" size="1 1 1 .1"/>',
@@ -107,7 +118,7 @@ def test_gap_on_a_heightfield_is_the_95th_percentile():
     assert result.per_contact[0]["gap_mm"] == pytest.approx(20.0)
 
 
-def test_nothing_under_a_contact_is_an_infinite_gap():
+def test_nothing_under_a_contact_is_an_infinite_gap() -> None:
     model = build('<geom name="block" type="box" size=".05 1 .1" pos="-.1 0 -.1"/>')
     result = check(model, standing(model), BOTH)  # the toe hangs over the edge of the world
     assert result.metrics["stance_gap_max_mm"] == math.inf
@@ -115,7 +126,7 @@ def test_nothing_under_a_contact_is_an_infinite_gap():
     assert "stance_gap_max_mm" in result.broken()
 
 
-def test_sole_penetration_of_a_tilted_foot_is_its_lowest_corner():
+def test_sole_penetration_of_a_tilted_foot_is_its_lowest_corner() -> None:
     model = build()
     qpos = standing(model)
     qpos[5, 7] = 0.2
@@ -127,7 +138,7 @@ def test_sole_penetration_of_a_tilted_foot_is_its_lowest_corner():
     assert result.per_frame["sole_penetration_mm"][6] == 0.0
 
 
-def test_sole_penetration_on_a_slope_is_measured_along_its_normal():
+def test_sole_penetration_on_a_slope_is_measured_along_its_normal() -> None:
     model = build('<geom name="slope" type="plane" size="5 5 .1" euler="0 -30 0"/>')
     qpos = standing(model)
     angle = math.radians(30)
@@ -136,7 +147,7 @@ def test_sole_penetration_on_a_slope_is_measured_along_its_normal():
     assert result.metrics["sole_penetration_mm"] == pytest.approx(100 * math.sin(angle))
 
 
-def test_sole_penetration_into_a_step():
+def test_sole_penetration_into_a_step() -> None:
     model = build(PLANE + '<geom name="step" type="box" size=".5 .5 .1" pos="0 0 .1"/>')
     qpos = standing(model)
     qpos[:, 2] += 0.2
@@ -147,14 +158,14 @@ def test_sole_penetration_into_a_step():
     assert result.metrics["stance_gap_max_mm"] == pytest.approx(6.0)
 
 
-def test_a_toe_in_a_riser_is_as_deep_as_the_way_out():
+def test_a_toe_in_a_riser_is_as_deep_as_the_way_out() -> None:
     model = build(PLANE + '<geom name="step" type="box" size=".5 .5 .1" pos="0.597 0 .1"/>')
     result = check(model, standing(model))
     assert result.metrics["sole_penetration_mm"] == pytest.approx(3.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("node", [(10, 11), (9, 8), (10, 10)])
-def test_one_grid_point_that_pokes_through_the_sole_is_found(node):
+def test_one_grid_point_that_pokes_through_the_sole_is_found(node: tuple[int, int]) -> None:
     heights = np.zeros((21, 21))
     heights[node] = 1.0
     model = build(
@@ -167,7 +178,7 @@ def test_one_grid_point_that_pokes_through_the_sole_is_found(node):
     assert result.metrics["sole_penetration_mm"] == pytest.approx(8.0, abs=1e-4)
 
 
-def test_a_foot_deep_in_a_heightfield():
+def test_a_foot_deep_in_a_heightfield() -> None:
     heights = np.full((9, 13), 0.5)
     heights[0, 0], heights[-1, -1] = 0.0, 1.0
     model = build(
@@ -184,7 +195,7 @@ def test_a_foot_deep_in_a_heightfield():
     assert result.metrics["obstacle_penetration_mm"] == 0.0
 
 
-def test_obstacle_penetration_names_body_and_obstacle():
+def test_obstacle_penetration_names_body_and_obstacle() -> None:
     wall = '<geom name="wall" type="box" size=".1 1 1" pos=".3 0 1"/>'
     model = build(PLANE + wall)
     qpos = standing(model)
@@ -200,7 +211,7 @@ def test_obstacle_penetration_names_body_and_obstacle():
     assert check(model, touching).broken() == []
 
 
-def test_obstacle_penetration_into_the_floor():
+def test_obstacle_penetration_into_the_floor() -> None:
     model = build()
     qpos = standing(model)
     qpos[3, 3:7] = [math.cos(math.pi / 4), 0, math.sin(math.pi / 4), 0]  # face down
@@ -228,7 +239,7 @@ STEP = tuple(
     ("adapted", "own", "broken"),
     [(0.030, 0.050, False), (0.009, 0.050, True), (0.004, 0.006, False), (0.002, 0.006, True)],
 )
-def test_swing_clearance_and_what_is_asked_of_it(adapted, own, broken):
+def test_swing_clearance_and_what_is_asked_of_it(adapted: float, own: float, broken: bool) -> None:
     model = build()
     result = check(model, walk_over(adapted, model), STEP, walk_over(own, model))
     assert result.metrics["swing_clearance_mm"] == pytest.approx(1000 * adapted)
@@ -239,7 +250,7 @@ def test_swing_clearance_and_what_is_asked_of_it(adapted, own, broken):
     assert 15 <= swing["frame"] < 25
 
 
-def test_every_swing_is_held_against_its_own_source():
+def test_every_swing_is_held_against_its_own_source() -> None:
     model = build()
     high, low = walk_over(0.05, model), walk_over(0.002, model)
     source = np.concatenate((high, low))
@@ -253,7 +264,7 @@ def test_every_swing_is_held_against_its_own_source():
     assert [swing["clearance_mm"] for swing in result.per_swing] == pytest.approx([4.0, 2.0])
 
 
-def test_source_clearance_is_over_the_sources_own_ground():
+def test_source_clearance_is_over_the_sources_own_ground() -> None:
     model = build()
     source = walk_over(0.05, model)
     source[:, 2] += 0.8  # the source's flat ground is somewhere else
@@ -261,7 +272,7 @@ def test_source_clearance_is_over_the_sources_own_ground():
     assert result.metrics["source_swing_clearance_mm"] == pytest.approx(50.0)
 
 
-def test_swing_clearance_over_a_block_and_under_a_lintel():
+def test_swing_clearance_over_a_block_and_under_a_lintel() -> None:
     block = '<geom name="block" type="box" size=".02 .3 .02" pos=".05 0 .02"/>'
     lintel = '<geom name="lintel" type="box" size=".3 .3 .05" pos="0 0 1.5"/>'
     model = build(PLANE + block + lintel)
@@ -269,13 +280,13 @@ def test_swing_clearance_over_a_block_and_under_a_lintel():
     assert result.metrics["swing_clearance_mm"] == pytest.approx(15.0)
 
 
-def test_a_short_gap_between_contacts_is_no_swing():
+def test_a_short_gap_between_contacts_is_no_swing() -> None:
     model = build()
     contacts = (Contact("foot_heel", 0, 20), Contact("foot_heel", 22, 40))
     assert check(model, standing(model), contacts).per_swing == []
 
 
-def test_jerk_of_a_sine_is_known():
+def test_jerk_of_a_sine_is_known() -> None:
     model = build()
     period, amplitude = 40, 0.1
     frames = np.arange(2 * period + 3)
@@ -296,7 +307,7 @@ def test_jerk_of_a_sine_is_known():
     assert "jerk_ratio_rms" not in result.broken()
 
 
-def test_one_jolt_shows_in_the_extreme_and_is_located():
+def test_one_jolt_shows_in_the_extreme_and_is_located() -> None:
     model = build()
     frames = np.arange(200)
     own = standing(model, 200)
@@ -306,10 +317,10 @@ def test_one_jolt_shows_in_the_extreme_and_is_located():
     result = check(model, adapted, source=own)
     assert result.metrics["jerk_ratio_p999"] > 2
     assert result.worst["jerk_ratio_p999"].where == "ankle"
-    assert 96 <= result.worst["jerk_ratio_p999"].frame <= 100
+    assert 96 <= some(result.worst["jerk_ratio_p999"].frame) <= 100
 
 
-def test_root_travel():
+def test_root_travel() -> None:
     model = build()
     own = standing(model)
     own[:, 0] = np.linspace(0, 2, 40)
@@ -322,7 +333,7 @@ def test_root_travel():
     assert result.broken({"root_travel_ratio": (0.9, 1.1)}) == []
 
 
-def test_joint_limit():
+def test_joint_limit() -> None:
     model = build()
     qpos = standing(model)
     qpos[12, 7] = -1.01
@@ -331,7 +342,7 @@ def test_joint_limit():
     assert str(result.worst["joint_limit_rad"]) == "frame 12, ankle"
 
 
-def test_short_motions_have_figures_too():
+def test_short_motions_have_figures_too() -> None:
     model = build()
     for nframe in (1, 2, 3):
         result = check(model, standing(model, nframe), (Contact("foot_heel", 0, nframe),))
@@ -340,7 +351,7 @@ def test_short_motions_have_figures_too():
         assert result.broken() == []
 
 
-def test_what_does_not_belong_together():
+def test_what_does_not_belong_together() -> None:
     model = build()
     motion = Motion(model, standing(model), FPS)
     with pytest.raises(MotionError, match="39 frames"):
@@ -353,12 +364,12 @@ def test_what_does_not_belong_together():
         validate(motion, motion, (Contact("foot_heel", 3, 41),))
 
 
-def test_soles_are_found_by_name_without_contacts():
+def test_soles_are_found_by_name_without_contacts() -> None:
     model = build()
     assert [model.site(i).name for i in sole_sites(model, ())] == ["foot_heel", "foot_toe"]
 
 
-def test_the_humanoid_stands_on_a_floor():
+def test_the_humanoid_stands_on_a_floor() -> None:
     spec = mujoco.MjSpec.from_file(
         str(Path(__file__).parents[1] / "models" / "mjcf" / "humanoid.xml")
     )

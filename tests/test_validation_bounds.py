@@ -110,12 +110,12 @@ def test_swing_clearance_is_that_of_the_lowest_of_all_points() -> None:
         xyz, frame = sole_points(geoms, i, position, matrix, sample_spacing(ground))
         clear = xyz[:, 2] - ground.heights(xyz)[0]
         np.fmin.at(expected, frame, clear)
-    for swing, (clear, frame) in zip(
+    for swing, (found, where) in zip(
         swings, swing_clearances(swings, ground, geoms, poses), strict=True
     ):
         span = expected[swing.first : swing.last]
-        assert clear == pytest.approx(span.min(), abs=1e-12)
-        assert frame == swing.first + span.argmin()
+        assert found == pytest.approx(span.min(), abs=1e-12)
+        assert where == swing.first + span.argmin()
 
 
 def test_poses_are_those_of_one_frame_at_a_time_whatever_lies_between_the_geoms() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from made_up import humanoid, mixed
 
-from mjmotion.body import joint_limits as fits_limits
+from mjmotion.body.joint_limits import JointLimits
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ModelError, MotionError
 from mjmotion.numerics.tangent import ominus
@@ -70,17 +71,20 @@ def poses(model: mujoco.MjModel, count: int, seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("make", [humanoid, chained, lambda: chained("")])
-def test_joint_limits_are_those_that_the_fit_keeps(make, seed):
+def test_joint_limits_are_those_that_the_fit_keeps(
+    make: Callable[[], mujoco.MjModel], seed: int
+) -> None:
     """Two implementations that share no line, over poses within, near and beyond the limits."""
     model = make()
     qpos = poses(model, 2000, seed)
     excess, names = limit_excess(model, qpos)
-    assert list(names) == fits_limits.limit_names(model)
-    np.testing.assert_allclose(excess, fits_limits.limit_excess(model, qpos), atol=1e-7)
+    kept = JointLimits(model)
+    assert list(names) == kept.names
+    np.testing.assert_allclose(excess, kept.excess(qpos), atol=1e-7)
     assert (excess > 0.1).any() and (excess == 0.0).any()
 
 
-def test_joint_limits_of_known_turns():
+def test_joint_limits_of_known_turns() -> None:
     """A turn about x alone is swing x, about z alone twist; two of them the twist first."""
     model = chained()
     at = model.joint("e").qposadr[0]
@@ -108,13 +112,13 @@ def test_joint_limits_of_known_turns():
         '<numeric name="limit_a" data="1 0 0 1 0 1"/>',
     ],
 )
-def test_a_wrong_numeric_is_told(numeric):
+def test_a_wrong_numeric_is_told(numeric: str) -> None:
     model = chained(numeric)
     with pytest.raises(ModelError, match="limit_"):
         limit_excess(model, model.qpos0[None])
 
 
-def test_jerk_is_of_the_differences_that_the_fit_takes():
+def test_jerk_is_of_the_differences_that_the_fit_takes() -> None:
     model = mixed()
     motion = Motion(model, poses(model, 30, 3), FPS)
     velocity = ominus(model, motion.qpos[1:], motion.qpos[:-1]) * FPS
@@ -123,7 +127,7 @@ def test_jerk_is_of_the_differences_that_the_fit_takes():
     np.testing.assert_allclose(joint_jerk(motion), expected, rtol=1e-12)
 
 
-def test_contacts_need_no_class_of_ours():
+def test_contacts_need_no_class_of_ours() -> None:
     names = ("left_heel", "left_toe", "left_hand")
     assert [stands(Stands(name, 0, 1)) for name in names] == [True, True, False]
     motion = still(chained())
@@ -131,14 +135,17 @@ def test_contacts_need_no_class_of_ours():
     assert result.metrics["stance_gap_max_mm"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_change_of_the_model_is_seen_by_the_next_validation():
+def test_a_change_of_the_model_is_seen_by_the_next_validation() -> None:
     model = chained()
     motion, contacts = still(model), [Stands("foot_heel", 0, 10)]
 
     def figures() -> tuple[float, float, float]:
         metrics = validate(motion, motion, contacts).metrics
-        names = ("stance_gap_max_mm", "sole_penetration_mm", "joint_limit_rad")
-        return tuple(metrics[name] for name in names)
+        return (
+            metrics["stance_gap_max_mm"],
+            metrics["sole_penetration_mm"],
+            metrics["joint_limit_rad"],
+        )
 
     assert figures() == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     model.geom_pos[model.geom("floor").id, 2] = 0.003
@@ -150,7 +157,7 @@ def test_a_change_of_the_model_is_seen_by_the_next_validation():
     assert figures() == pytest.approx((3.0, 5.0, 0.3), abs=1e-6)
 
 
-def test_a_judge_gives_the_figures_of_validate_and_keeps_its_shapes():
+def test_a_judge_gives_the_figures_of_validate_and_keeps_its_shapes() -> None:
     model = chained()
     contacts = [Stands("foot_heel", 0, 10)]
     judge = Judge(model, contacts)
@@ -170,7 +177,7 @@ def test_a_judge_gives_the_figures_of_validate_and_keeps_its_shapes():
         judge.validate(other, other)
 
 
-def test_nothing_in_the_validation_keeps_models():
+def test_nothing_in_the_validation_keeps_models() -> None:
     """A cache by model would answer for shapes that a model no longer has."""
     folder = Path(__file__).parents[1] / "mjmotion" / "validation"
     cached = [path.name for path in folder.glob("*.py") if "lru_cache" in path.read_text("utf-8")]

@@ -32,7 +32,7 @@ MESHES = """
   2 3 9 2 9 8 3 4 10 3 10 9 4 5 11 4 11 10 5 0 6 5 6 11"/>"""
 
 
-def test_heights_from_above_agree_with_mujocos_own_rays():
+def test_heights_from_above_agree_with_mujocos_own_rays() -> None:
     rng = np.random.default_rng(4)
     model = build(MIXED, MESHES, rng.random((13, 17)))
     ground = Ground(model)
@@ -63,7 +63,7 @@ def test_heights_from_above_agree_with_mujocos_own_rays():
         (2.1, 2.2, "lintel"),  # in the lintel
     ],
 )
-def test_what_a_point_stands_over(z, height, name):
+def test_what_a_point_stands_over(z: float, height: float, name: str) -> None:
     model = build(
         PLANE
         + '<geom name="low" type="box" size="1 1 .1" pos="0 0 .05"/>'
@@ -77,7 +77,7 @@ def test_what_a_point_stands_over(z, height, name):
     assert found[1] == pytest.approx(0.0, abs=1e-12) and ground.name(int(geom[1])) == "floor"
 
 
-def test_a_tilted_heightfield_counts_by_its_triangles():
+def test_a_tilted_heightfield_counts_by_its_triangles() -> None:
     rng = np.random.default_rng(1)
     scene = '<geom name="field" type="hfield" hfield="h" euler="10 5 30"/>'
     model = build(
@@ -96,7 +96,7 @@ def test_a_tilted_heightfield_counts_by_its_triangles():
         assert ground.heights(point[None])[0][0] == pytest.approx(3 - ray, abs=1e-6)
 
 
-def test_pruned_pairs_are_all_that_touch():
+def test_pruned_pairs_are_all_that_touch() -> None:
     """The same depths as measuring every pair of every frame."""
     rng = np.random.default_rng(2)
     boxes = "".join(
@@ -128,13 +128,13 @@ def test_pruned_pairs_are_all_that_touch():
         for other in ground.convex:
             gap = mujoco.mj_geomDistance(model, data, geom, other, 0.0, None)
             expected[frame, i] = max(expected[frame, i], -gap)
-    depth, other = penetration(ground, geoms, position, matrix)
+    depth, touched = penetration(ground, geoms, position, matrix)
     assert (expected > 0.01).sum() > 20 and (expected == 0).sum() > 20
     np.testing.assert_allclose(depth, expected, atol=1e-8)
-    assert ((other >= 0) == (depth > 0)).all()
+    assert ((touched >= 0) == (depth > 0)).all()
 
 
-def test_depth_in_a_rough_heightfield_is_as_found_by_many_rays():
+def test_depth_in_a_rough_heightfield_is_as_found_by_many_rays() -> None:
     rng = np.random.default_rng(3)
     nrow, ncol = 31, 41
     model = build(
@@ -152,8 +152,8 @@ def test_depth_in_a_rough_heightfield_is_as_found_by_many_rays():
     sole, field = model.geom("sole").id, model.geom("field").id
     up, down = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
     grid = np.stack(np.meshgrid(np.linspace(-0.16, 0.16, 65), np.linspace(-0.16, 0.16, 65)), -1)
-    turn = math.radians(25)
-    turn = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+    yaw = math.radians(25)
+    turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
     nodes = np.stack(np.meshgrid(np.linspace(-0.8, 0.8, ncol), np.linspace(-0.6, 0.6, nrow)), -1)
     nodes = nodes.reshape(-1, 2) @ turn
     x, y, z = model.geom("sole").size

@@ -11,7 +11,7 @@ from mjmotion.exceptions import MotionError
 from mjmotion.validation import THRESHOLDS, read_thresholds
 
 
-def test_thresholds_from_texts_mappings_and_files(tmp_path: Path):
+def test_thresholds_from_texts_mappings_and_files(tmp_path: Path) -> None:
     texts = ["stance_drift_mm=2", "root_travel_ratio=0.9,1.1", "jerk_ratio_rms = none"]
     wanted = THRESHOLDS | {
         "stance_drift_mm": 2.0,
@@ -42,12 +42,12 @@ def test_thresholds_from_texts_mappings_and_files(tmp_path: Path):
         ("root_travel_ratio=2,1", "above"),
     ],
 )
-def test_bad_thresholds_say_why(text: str, message: str):
+def test_bad_thresholds_say_why(text: str, message: str) -> None:
     with pytest.raises(MotionError, match=message):
         read_thresholds([text])
 
 
-def test_bad_threshold_files_say_why(tmp_path: Path):
+def test_bad_threshold_files_say_why(tmp_path: Path) -> None:
     with pytest.raises(MotionError, match="cannot be read"):
         read_thresholds(tmp_path / "none.yaml")
     file = tmp_path / "bad.yaml"
@@ -57,7 +57,7 @@ def test_bad_threshold_files_say_why(tmp_path: Path):
             read_thresholds(file)
 
 
-def test_thresholds_given_to_validate_stay_with_the_result():
+def test_thresholds_given_to_validate_stay_with_the_result() -> None:
     model = build()
     qpos = standing(model)
     qpos[:, 2] += 0.003
