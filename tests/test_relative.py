@@ -375,7 +375,7 @@ def test_all_kinds_past_an_obstacle() -> None:
     assert np.ptp(hand, axis=0).max() < HELD
     np.testing.assert_allclose(hand[:, 1], spot[1] - 0.1, atol=HELD)
     assert jerk(result.motion.qpos) < 1.3 * jerk(plain.motion.qpos)
-    errors = [level.max_error_percent for level in result.trace.levels]
+    errors = [level.max_error_percent for level in some(result.trace).levels]
     assert errors[3] < 0.2 * errors[0]
     for contact in result.contacts:
         points = sites[contact.start : contact.end, model.site(contact.site).id]

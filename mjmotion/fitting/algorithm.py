@@ -46,7 +46,7 @@ Array = NDArray[np.float64]
 PASSES = 2  # times that Eq. 2 is applied at a level's knots: then to what the first time left
 
 
-def fit(  # long, and more than eight parameters: the settings are explained here, once
+def fit(  # many parameters and lines: the settings of the algorithm, explained here, once
     motion: Motion,
     constraints: Sequence[Constraint],
     *,

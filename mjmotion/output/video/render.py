@@ -104,6 +104,7 @@ def render_video(
     return Path(path)
 
 
+# As many parameters as render_video, for the same reason.
 def render_frames(
     motion: Motion,
     frames: Sequence[int],

@@ -81,7 +81,7 @@ class Spacetime:
     converged: bool
 
 
-def solve_spacetime(  # long, and more than eight parameters: the settings are explained here
+def solve_spacetime(  # many parameters and lines: its settings, explained here, once
     motion: Motion,
     constraints: Sequence[Constraint],
     *,
