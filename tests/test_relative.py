@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from made_up import humanoid, loop_quats, loop_sites, mixed, pin, walk
+from made_up import humanoid, loop_quats, loop_sites, mixed, pin, some, walk
 from made_up import random_poses as poses
 
 from mjmotion.apps.adaptation import adapt
