@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -12,6 +13,7 @@ from made_up import walk
 
 from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.motion import Motion
+from mjmotion.clips import load_clip
 from mjmotion.footsteps.contacts import Contact, contact_mask, detect_contacts
 from mjmotion.footsteps.footholds import find_footholds, find_stances
 from mjmotion.footsteps.paths import FootPath, foot_path
@@ -20,6 +22,8 @@ from mjmotion.scene import Scene
 from mjmotion.scene.ground import Ground
 
 DRIFT = 1e-4  # of a contact's point over its contact [m]
+STANDING_SINK = 0.0015  # of the sole of a foot that stands [m]
+RECORDINGS = Path(__file__).parents[2] / "shared" / "mocap" / "bvh"
 SINK = 0.005  # of the foot below the ground, in stance and swing [m]
 FLAT = '<geom type="plane" size="30 30 .1"/>'
 GROUNDS = {
@@ -180,3 +184,17 @@ def test_a_foot_that_never_stands_keeps_its_path() -> None:
     path = foot_path(feet[1], 1, pose, stances, holds, ground, 30.0)
     np.testing.assert_allclose(path.position, source(1), atol=1e-12)
     assert not path.stance.any() and (path.lift == 0.0).all() and (path.shift == 0.0).all()
+
+
+@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="there are no recordings here")
+@pytest.mark.parametrize("name", ["16_31", "03_01"])
+def test_what_fades_in_after_a_contact_puts_no_sole_under_the_ground(name: str) -> None:
+    """Recorded feet roll and flutter where contacts begin and end."""
+    motion = load_clip(RECORDINGS / f"{name}.bvh")
+    found, contacts, _ = paths_on(FLAT, motion)
+    for path, foot in zip(found, motion.character.feet, strict=True):
+        stands = np.zeros(motion.nframe, dtype=bool)
+        for part in ("heel", "toe"):
+            stands |= contact_mask(contacts, f"{foot.side}_{part}", motion.nframe)
+        sole = (path.position[:, None] + rotate(path.quat[:, None], foot.sole))[..., 2]
+        assert sole[stands].min() > -STANDING_SINK

@@ -231,18 +231,39 @@ def _turned(foot: Foot, holds: _Holds, base: Array, time: float) -> Array:
     quat = _tipped_up(foot, holds, quat, time)
     quat = multiply(quat, exp(fade(holds.flat, log(multiply(conjugate(quat), holds.quat)), time)))
     quat[holds.flat] = holds.quat[holds.flat]
-    return normalized(quat)
+    return normalized(_kept_out(foot, holds, quat, time))
 
 
-def _tipped_up(foot: Foot, holds: _Holds, quat: Array, time: float) -> Array:
-    """Tip a foot on one contact up about it where smoothness still lets its other end dig in."""
+def _kept_out(foot: Foot, holds: _Holds, quat: Array, time: float) -> Array:
+    """Tip a foot up about the contact that holds, where its sole would still be under the surface.
+
+    The last word on how a foot is turned: what was faded in after the first tip may dig in again.
+    A tip is nothing while the foot is flat, and goes on smoothly into the swing.
+    """
+    need = _tip_to_clear(foot, holds, quat)
+    tip = np.zeros(len(quat))
+    for sign, contact in ((-1.0, holds.heel), (1.0, holds.toe)):
+        mine = np.where(contact & ~holds.flat, need, 0.0)
+        if mine.max(initial=0.0) > 0.0:
+            tip += sign * envelope(mine, holds.flat, time)
+    zero = np.zeros_like(tip)
+    return multiply(quat, exp(np.stack((zero, tip, zero), axis=-1)))
+
+
+def _tip_to_clear(foot: Foot, holds: _Holds, quat: Array) -> Array:
+    """How far a foot on one contact must tip about it for its sole to be clear (nframe,) [rad]."""
     single = holds.any & ~holds.flat
     arm = foot.sole - np.where(holds.heel[:, None], foot.heel, foot.toe)[:, None]
     height = rotate(multiply(conjugate(holds.quat), quat)[:, None], arm)[..., 2]
     lowest = height.argmin(axis=1)
     index = np.arange(len(quat))
     lever = np.maximum(np.abs(arm[index, lowest, 0]), SHORT_LEVER)
-    need = np.where(single, (-height[index, lowest] - DIP) / lever, 0.0)
+    return np.where(single, (-height[index, lowest] - DIP) / lever, 0.0)
+
+
+def _tipped_up(foot: Foot, holds: _Holds, quat: Array, time: float) -> Array:
+    """Tip a foot on one contact up about it where smoothness still lets its other end dig in."""
+    single, need = holds.any & ~holds.flat, _tip_to_clear(foot, holds, quat)
     if need.max() <= 0.0:
         return quat
     tip = cover(need, time) * np.where(holds.heel, -1.0, 1.0)
