@@ -63,6 +63,13 @@ def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
     return f"unknown {kind} '{name}'.{hint} Valid names: {', '.join(names) or '(none)'}"
 
 
+def wrong_type(what: str, value: object, wanted: str) -> str:
+    """Return the message for an argument of another type: what it is, and what to give."""
+    kind = value.__name__ if isinstance(value, type) else type(value).__name__
+    hint = ", or its .motion" if hasattr(value, "motion") else ""
+    return f"{what} is of type {kind}: give {wanted}{hint}"
+
+
 def frame_list(frames: Iterable[int], limit: int = 5) -> str:
     """Return frames as short text: ``3, 4, 5, 6, 7, … (12 frames)``."""
     numbers = [int(frame) for frame in frames]

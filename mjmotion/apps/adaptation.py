@@ -26,6 +26,7 @@ from mjmotion.constraints import (
     LookAt,
     RelativeConstraint,
     SiteConstraint,
+    check_constraints,
     lay_out,
 )
 from mjmotion.constraints.shared_targets import with_moves
@@ -100,6 +101,7 @@ def adapt(  # more than eight parameters: all but the first two have a default
       ClipError, ContactError, ConstraintError, ModelError, FitError: bad input.
     """
     motion, scene = as_clip(clip), Scene.of(scene)
+    check_constraints(constraints)
     composed = compose(motion.character, scene)
     progress("contacts and footholds", 0, 0)
     plan = make_plan(motion, scene, contacts)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mjmotion.exceptions import ModelError, SceneError, unknown_name
+from mjmotion.exceptions import ModelError, SceneError, unknown_name, wrong_type
 
 _FOLDERS = {"model": Path("models") / "mjcf", "scene": Path("scenes")}
 _ERRORS = {"model": ModelError, "scene": SceneError}
@@ -38,7 +38,11 @@ def find_asset(kind: str, name: str | Path) -> Path:
     Raises:
       ModelError, SceneError: there is no such file and no such name.
     """
+    if not isinstance(name, (str, Path)):
+        raise _ERRORS[kind](wrong_type(kind, name, "an MJCF file, a built-in name or an MjSpec"))
     path = Path(name)
+    if path.is_dir() and path.suffix == "" and path != Path(path.name):
+        raise _ERRORS[kind](f"{kind} file '{path}' is a folder: give an MJCF file of it")
     if path.is_file():
         return path
     if path.suffix == "" and path.parent == Path():

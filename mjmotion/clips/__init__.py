@@ -18,7 +18,7 @@ from mjmotion.clips.mapping import Mapped, map_clip, to_motion
 from mjmotion.clips.rig import ROLES, Rig, find_rig
 from mjmotion.clips.skeleton import Clip
 from mjmotion.clips.table import read_csv, write_csv
-from mjmotion.exceptions import ClipError, unknown_name
+from mjmotion.exceptions import ClipError, unknown_name, wrong_type
 from mjmotion.footsteps.contacts import Contact
 
 __all__ = [
@@ -101,6 +101,8 @@ def load_clip(
     Raises:
       ClipError: no such file or name, a damaged file, a skeleton that cannot be mapped.
     """
+    if not isinstance(path_or_name, (str, Path)):
+        raise ClipError(wrong_type("clip", path_or_name, "a file, a built-in name or a Motion"))
     character = Character.of(character)
     path = Path(path_or_name)
     if path.is_dir():

@@ -9,7 +9,13 @@ from __future__ import annotations
 
 from mjmotion.constraints.file import load_constraints
 from mjmotion.constraints.targets import LookAtTarget, RelativeTarget, Targets, lay_out
-from mjmotion.constraints.types import Constraint, LookAt, RelativeConstraint, SiteConstraint
+from mjmotion.constraints.types import (
+    Constraint,
+    LookAt,
+    RelativeConstraint,
+    SiteConstraint,
+    check_constraints,
+)
 
 __all__ = [
     "Constraint",
@@ -19,6 +25,7 @@ __all__ = [
     "RelativeTarget",
     "SiteConstraint",
     "Targets",
+    "check_constraints",
     "lay_out",
     "load_constraints",
 ]

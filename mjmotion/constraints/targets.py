@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.kinematics import Pose, site_id
-from mjmotion.constraints.types import Constraint, LookAt, RelativeConstraint, SiteConstraint
+from mjmotion.constraints.types import (
+    Constraint,
+    LookAt,
+    RelativeConstraint,
+    SiteConstraint,
+    check_constraints,
+)
 from mjmotion.exceptions import ConstraintError, frame_list
 from mjmotion.numerics.rotations import to_matrix
 
@@ -242,6 +248,7 @@ def lay_out(constraints: Sequence[Constraint], model: mujoco.MjModel, nframe: in
 def _check(constraints: Sequence[Constraint], model: mujoco.MjModel, nframe: int) -> list[int]:
     """Return the sites that are held in the world; refuse what the model or motion lacks."""
     sites: list[int] = []
+    check_constraints(constraints)
     for constraint in constraints:
         index = site_id(model, constraint.site)
         if isinstance(constraint, SiteConstraint) and index not in sites:

@@ -8,11 +8,12 @@ look = LookAt("face", range(60, 80), point=(2.0, 0.0, 1.0))
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjmotion.exceptions import ConstraintError
+from mjmotion.exceptions import ConstraintError, wrong_type
 from mjmotion.numerics.rotations import normalized
 
 Array = NDArray[np.float64]
@@ -144,8 +145,26 @@ class LookAt:
 Constraint = SiteConstraint | RelativeConstraint | LookAt
 
 
+def check_constraints(constraints: Sequence[Constraint]) -> None:
+    """Refuse what is no list of constraints.
+
+    Raises:
+      ConstraintError: it is something else, or holds something else.
+    """
+    if not isinstance(constraints, Sequence) or isinstance(constraints, str):
+        wanted = "a list of constraints (load_constraints reads a file)"
+        raise ConstraintError(wrong_type("constraints", constraints, wanted))
+    for constraint in constraints:
+        if not isinstance(constraint, Constraint):
+            wanted = "a SiteConstraint, RelativeConstraint or LookAt"
+            raise ConstraintError(wrong_type("a constraint", constraint, wanted))
+
+
 def _check_frames(constraint: Constraint, where: str) -> None:
-    frames = np.array(constraint.frames, dtype=np.int64).reshape(-1)
+    given = np.array(constraint.frames).reshape(-1)
+    if given.dtype.kind not in "iuf" or (given != np.floor(given)).any():
+        raise ConstraintError(f"{where} has frames {given.tolist()!r}: they are whole numbers")
+    frames = given.astype(np.int64)
     if len(frames) == 0:
         raise ConstraintError(f"{where} has no frames")
     if len(np.unique(frames)) != len(frames):

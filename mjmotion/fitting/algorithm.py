@@ -22,6 +22,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.constraints import Constraint, Targets, lay_out
 from mjmotion.constraints.shared_targets import SharedMove, free_moves
 from mjmotion.constraints.unmet import find_unmet, relational_residuals, residuals
+from mjmotion.exceptions import FitError, wrong_type
 from mjmotion.fitting.exact import ExactPass
 from mjmotion.fitting.first_guess import first_guess as make_guess
 from mjmotion.fitting.goal import Goal
@@ -30,6 +31,7 @@ from mjmotion.fitting.levels import (
     TOLERANCE,
     Refinement,
     check_levels,
+    check_tolerance,
     default_levels,
     left_to_close,
 )
@@ -82,6 +84,8 @@ def fit(  # many parameters and lines: the settings of the algorithm, explained 
       FitError: settings that make no sense, or free targets with a solver that cannot move them.
       ConstraintError, ModelError: a frame or site that does not exist.
     """
+    if not isinstance(motion, Motion):
+        raise FitError(wrong_type("motion", motion, "a Motion (load_clip gives one)"))
     character = motion.character
     levels = check_levels(default_levels(motion.fps) if levels is None else levels)
     solver = make_solver(character, ik)
@@ -97,7 +101,7 @@ def fit(  # many parameters and lines: the settings of the algorithm, explained 
     watch.guessed()
     moves = [*shared, *free_moves(constraints)]
     goal = Goal.begin(solver, character, targets, moves, clearance, qpos)
-    refinement, level = Refinement(levels, tolerance, exact), None
+    refinement, level = Refinement(levels, check_tolerance(tolerance), exact), None
 
     def left(qpos: Array, targets: Targets) -> float:
         return left_to_close(motion, qpos, targets, clearance, bones)

@@ -61,6 +61,21 @@ def check_levels(levels: Sequence[float]) -> tuple[float, ...]:
     return checked
 
 
+def check_tolerance(tolerance: float) -> float:
+    """Return a tolerance as a number [m].
+
+    Raises:
+      FitError: no number, or less than 0.
+    """
+    try:
+        checked = float(tolerance)
+    except (TypeError, ValueError) as error:
+        raise FitError(f"tolerance {tolerance!r} must be a length in metres") from error
+    if not checked >= 0.0:
+        raise FitError(f"tolerance {checked:g} must be 0 m or more")
+    return checked
+
+
 class Refinement:
     """Which level comes next: those asked for, then finer fitting while it still pays.
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mjmotion.body.kinematics import Kinematics, site_id
 from mjmotion.body.motion import Motion
-from mjmotion.exceptions import ContactError
+from mjmotion.exceptions import ContactError, wrong_type
 
 Array = NDArray[np.float64]
 
@@ -198,6 +198,13 @@ def check_contacts(
       ContactError: an unknown site, an empty span, a frame the motion does not have, or two
         contacts of a site that overlap.
     """
+    wanted = "a list of contacts (load_contacts reads a file)"
+    if not isinstance(contacts, Iterable) or isinstance(contacts, str):
+        raise ContactError(wrong_type("contacts", contacts, wanted))
+    contacts = tuple(contacts)
+    for contact in contacts:
+        if not isinstance(contact, Contact):
+            raise ContactError(wrong_type("a contact", contact, "a Contact"))
     ordered = tuple(sorted(contacts, key=lambda contact: (contact.start, contact.site)))
     last: dict[str, Contact] = {}
     for contact in ordered:

@@ -50,7 +50,7 @@ def check_output(out: str | Path, force: bool = False) -> None:
         )
     if names and not force:
         raise OutputError(
-            f"'{out}' holds earlier results: give another --out, or --force (force=True in Python)"
+            f"'{out}' holds earlier results: give another folder, or --force (force=True in Python)"
         )
 
 
@@ -97,7 +97,7 @@ def check_file(path: str | Path, force: bool = False) -> None:
         raise OutputError(f"'{path}' is a folder: give the name of a file")
     if path.exists() and not force:
         raise OutputError(
-            f"'{path}' exists already: give another --out, or --force (force=True in Python)"
+            f"'{path}' exists already: give another name, or --force (force=True in Python)"
         )
     if not path.parent.is_dir():
         raise OutputError(f"folder '{path.parent}' does not exist: make it first")

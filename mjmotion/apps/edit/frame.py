@@ -26,7 +26,7 @@ from mjmotion.constraints import SiteConstraint, lay_out
 from mjmotion.constraints.unmet import find_unmet, residuals
 from mjmotion.exceptions import ConstraintError, FitError, unknown_name
 from mjmotion.fitting import TOLERANCE, Trace, run_level
-from mjmotion.fitting.levels import BETTER, check_levels
+from mjmotion.fitting.levels import BETTER, check_levels, check_tolerance
 from mjmotion.fitting.trace import Stopwatch
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.ik import HybridIK, IKProblem, Solution
@@ -98,7 +98,7 @@ def edit_frame(  # more than eight parameters: all but the first three have a de
     span = Span(frame, int(levels[0]), source.nframe)
     drags = _drags(source, frame, [site] if isinstance(site, str) else list(site), by, to)
     held = keep(source, stands, span, drags, hold)
-    moved, held, trace = _Edit(source, span, held, drags).run(levels, tolerance)
+    moved, held, trace = _Edit(source, span, held, drags).run(levels, check_tolerance(tolerance))
     asked = [*held.constraints(), *drags]
     targets = lay_out(asked, source.model, source.nframe)
     return Result(source, moved, held.contacts, trace, find_unmet(moved, targets, asked))

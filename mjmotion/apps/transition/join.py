@@ -28,7 +28,7 @@ from mjmotion.apps.transition.sampling import resample, resample_contacts
 from mjmotion.apps.transition.warp import find_warp
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
-from mjmotion.exceptions import ClipError, ModelError
+from mjmotion.exceptions import ClipError, ModelError, wrong_type
 from mjmotion.fitting import TOLERANCE
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.footsteps.plan import make_plan
@@ -218,6 +218,8 @@ def join(  # more than eight parameters: all but the first have a default
       ClipError, ContactError: as :func:`blend_clips`; a clip in which no foot stands.
       ConstraintError, ModelError, FitError: bad input.
     """
+    if not isinstance(clips, Sequence) or isinstance(clips, str):
+        raise ClipError(wrong_type("clips", clips, "a list of two or more"))
     progress("overlaps and blends", 0, 0)
     motions = [clip if isinstance(clip, Motion) else load_clip(clip) for clip in clips]
     joined = blend_clips(motions, overlaps=overlaps, contacts=contacts, length=length)
