@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 import mjmotion
 from mjmotion import (
     Character,
+    LookAt,
     Motion,
     MotionError,
     Proportions,
+    RelativeConstraint,
     SiteConstraint,
     adapt,
     climb_rope,
@@ -32,7 +34,7 @@ from mjmotion import (
 from mjmotion.body.kinematics import site_id, site_positions
 from mjmotion.constraints import Targets
 from mjmotion.constraints.shared_targets import Sensitivity
-from mjmotion.exceptions import FitError, ModelError
+from mjmotion.exceptions import ClipError, FitError, ModelError
 from mjmotion.ik import NumericIK
 from mjmotion.ik.solver import Clearance, Deviation, Solution
 from mjmotion.output.result import Result
@@ -282,6 +284,45 @@ def test_the_papers_own_solver_refuses_a_free_target() -> None:
     clip = short(count=60)
     with pytest.raises(FitError, match="ConjugateGradientIK has no sensitivity"):
         fit(clip, [hand(free=("x",))], ik=ConjugateGradientIK(clip.character))
+
+
+def test_the_papers_own_solver_refuses_what_the_paper_lacks() -> None:
+    from mjmotion.paper.conjugate_gradients import ConjugateGradientIK
+
+    clip = short(count=60)
+    solver = ConjugateGradientIK(clip.character)
+    for asked in (
+        LookAt("face", HOLD, np.array((5.0, 0.0, 1.0))),
+        RelativeConstraint("left_hand", HOLD, "pelvis", np.array((0.0, 0.2, 0.0))),
+    ):
+        with pytest.raises(FitError, match="no relative constraints and look-ats"):
+            fit(clip, [asked], ik=solver)
+
+
+def test_what_makes_no_problems_is_refused() -> None:
+    class Empty:
+        def prepare(self, targets: Targets, clearance: Clearance | None = None) -> None:
+            return None
+
+    with pytest.raises(FitError, match=r"Empty.prepare\(\) returned a NoneType without solve"):
+        fit(short(), [hand()], ik=Empty())  # type: ignore[arg-type]
+    with pytest.raises(FitError, match="the class NumericIK"):
+        fit(short(), [hand()], ik=NumericIK)  # type: ignore[arg-type]
+
+
+def test_a_file_stays_on_its_own_body(tmp_path: Path) -> None:
+    tall = make_character("humanoid", Proportions(legs=1.25))
+    motion = short()
+    retarget(motion, tall).motion.save(tmp_path / "tall.npz")
+    with pytest.raises(ClipError, match=r"another body than 'humanoid' \(bone of"):
+        adapt(tmp_path / "tall.npz", "flat")
+    Motion.load(tmp_path / "tall.npz", tall)
+    # One without bones, as other programs write it, goes by its joints.
+    np.savez(
+        tmp_path / "plain.npz", qpos=motion.qpos, fps=30.0, joint_names=np.array(motion.joint_names)
+    )
+    again = Motion.load(tmp_path / "plain.npz", "humanoid")
+    np.testing.assert_array_equal(again.qpos, motion.qpos)
 
 
 def test_what_is_no_solver_is_refused() -> None:

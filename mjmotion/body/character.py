@@ -196,7 +196,7 @@ class Character:
         """Return in words how another character's body differs from this one; "" where it is alike.
 
         Bodies are compared by their names, their tree, the sizes of their bones, their joints,
-        sites and geoms, not by what else is in their models.
+        sites and geoms; not by what else is in their models, nor by masses and joint limits.
         """
         if self.model is other.model:
             return ""
@@ -211,6 +211,15 @@ class Character:
                 more = f" and {len(far) - 1} more" if len(far) > 1 else ""
                 return f"other sizes of {kind}: {far[0]}{more}"
         return ""
+
+
+def bone_offsets(model: mujoco.MjModel) -> dict[str, Array]:
+    """Return where each body under the free root is in its parent: name to (3,) [m]; the root 0."""
+    root = root_body(model)
+    return {
+        model.body(int(body)).name: model.body_pos[body] * (body != root)
+        for body in np.flatnonzero(model.body_rootid == root)
+    }
 
 
 def read_spec(source: str | Path | mujoco.MjSpec) -> tuple[mujoco.MjSpec, str]:

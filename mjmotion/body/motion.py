@@ -17,10 +17,19 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjmotion.body.character import Character, CharacterLike, joint_names, quaternion_addresses
+from mjmotion.body.character import (
+    Character,
+    CharacterLike,
+    bone_offsets,
+    joint_names,
+    quaternion_addresses,
+)
 from mjmotion.body.kinematics import check_free_root
 from mjmotion.exceptions import ClipError, ModelError, frame_list
 
+Array = NDArray[np.float64]
+
+SAME_BONES = 1e-4  # how far a file's bones may be off: written MJCF has six digits [m]
 _ROUNDING = 1e-15  # by how much a normalised quaternion's length may differ from 1
 
 
@@ -128,13 +137,16 @@ class Motion:
         return Motion(other, self.qpos, self.fps)
 
     def save(self, path: str | Path) -> None:
-        """Write the motion file (.npz): ``qpos``, ``fps``, ``joint_names``."""
+        """Write the motion file (.npz): ``qpos``, ``fps``, ``joint_names``, and the bones."""
+        bones = bone_offsets(self.model)
         with Path(path).open("wb") as file:
             np.savez_compressed(
                 file,
                 qpos=self.qpos,
                 fps=np.float64(self.fps),
                 joint_names=np.array(self.joint_names),
+                body_names=np.array(list(bones)),
+                body_pos=np.array(list(bones.values())),
             )
 
     @classmethod
@@ -146,7 +158,8 @@ class Motion:
           character: the character that it was made for, or what names one.
 
         Raises:
-          ClipError: the file is missing, damaged, or made for other joints.
+          ClipError: the file is missing, damaged, or made for other joints or bones. A file that
+            says nothing of bones (``body_names``, ``body_pos``) is taken for its joints alone.
         """
         path = Path(path)
         if not path.is_file():
@@ -154,6 +167,10 @@ class Motion:
         try:
             with np.load(path, allow_pickle=False) as data:
                 qpos, fps, names = data["qpos"], float(data["fps"]), list(data["joint_names"])
+                bones = dict[str, Array]()
+                if "body_names" in data:
+                    places = np.asarray(data["body_pos"], dtype=np.float64).reshape(-1, 3)
+                    bones = dict(zip(data["body_names"].tolist(), places, strict=True))
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
             raise ClipError(
                 f"'{path}' is not a motion file ({error}): it needs qpos, fps and joint_names"
@@ -161,4 +178,19 @@ class Motion:
         character = Character.of(character)
         if [str(name) for name in names] != joint_names(character.model):
             raise ClipError(f"'{path}' was made for other joints than the model's: retarget it")
+        if other := _other_bones(bones, bone_offsets(character.model)):
+            more = f" and {len(other) - 1} more" if len(other) > 1 else ""
+            raise ClipError(
+                f"'{path}' was made for another body than '{character.name}' (bone of"
+                f" {other[0]}{more}): give the character it was made for, or retarget it"
+            )
         return cls(character, qpos, fps)
+
+
+def _other_bones(bones: dict[str, Array], own: dict[str, Array]) -> list[str]:
+    """Return which of a file's bones a character lacks, or has of another length or direction."""
+    return [
+        name
+        for name, place in bones.items()
+        if name not in own or not np.abs(own[name] - place).max() <= SAME_BONES
+    ]

@@ -74,10 +74,17 @@ class Goal:
           guess: (nframe, nq) the first guess.
 
         Raises:
-          FitError: targets are free, and the solver cannot say what they cost.
+          FitError: the solver makes no problems, or targets are free and it cannot say what they
+            cost.
           ConstraintError: a move of targets that do not exist.
         """
         problem = solver.prepare(targets, clearance)
+        for name in ("solve", "enforce"):
+            if not callable(getattr(problem, name, None)):
+                raise FitError(
+                    f"{type(solver).__name__}.prepare() returned a {type(problem).__name__} without"
+                    f" {name}(): see mjmotion.ik.solver.IKProblem"
+                )
         if not moves:
             return cls(targets, problem)
         if not isinstance(problem, SensitiveProblem):

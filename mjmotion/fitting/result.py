@@ -22,7 +22,7 @@ class Fit:
     Attributes:
       motion: the fitted motion.
       trace: what every level did.
-      unmet: constraints that are off by more than the tolerance.
+      unmet: constraints that are off by more than 1 mm or 0.5 degrees.
       moves: (nshared, 4) what each shared move came to: along its directions [m], and its turn
         [rad]; in the order in which they were given, those of ``free`` constraints last.
       targets: what the fit held in the end, with shared moves made.

@@ -123,7 +123,7 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
     Args:
       plan: the plan with footholds under those of the clip.
       scene: the same scene.
-      ik: ``"hybrid"`` or ``"numeric"``.
+      ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
 
     Raises:
       SceneError: there is nothing to stand on where a foothold went.

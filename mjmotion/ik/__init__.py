@@ -50,6 +50,8 @@ def make_solver(
         that was not made for this body or these bones.
     """
     if not isinstance(ik, str):
+        if isinstance(ik, type):
+            raise FitError(f"ik is the class {ik.__name__}: give a solver that is made of it")
         if not callable(getattr(ik, "prepare", None)):
             raise FitError(
                 f"ik is a {type(ik).__name__} without prepare(): give 'hybrid', 'numeric' or a"

@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.joint_limits import swing_twist
 from mjmotion.constraints import Targets
+from mjmotion.exceptions import FitError
 from mjmotion.ik.solver import Clearance, Deviation, Solution, default_rigidity
 from mjmotion.numerics.rotations import from_matrix, log
 
@@ -69,7 +70,16 @@ class ConjugateGradientIK:
     def prepare(
         self, targets: Targets, clearance: Clearance | None = None
     ) -> ConjugateGradientProblem:
-        """Return the problem of some targets; see :class:`IKSolver`."""
+        """Return the problem of some targets; see :class:`IKSolver`.
+
+        Raises:
+          FitError: targets that are relative or look at something: the paper has none of them.
+        """
+        if targets.relative or targets.look_at:
+            raise FitError(
+                f"{type(self).__name__} knows no relative constraints and look-ats: use"
+                " ik='hybrid' or 'numeric'"
+            )
         return ConjugateGradientProblem(self, targets, clearance)
 
 

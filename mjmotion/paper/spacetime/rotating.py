@@ -55,7 +55,8 @@ def swing_twist_jacobian(quat: Array) -> Array:
     real, swung = np.hypot(w, z), np.hypot(x, y)
     lost = real < 1e-9
     real = np.where(lost, 1.0, real)
-    # swing = factor (x w - y z, x z + y w), factor = angle / (swung real), as in limits.swing_twist
+    # swing = factor (x w - y z, x z + y w), factor = angle / (swung real), as in
+    # body.joint_limits.swing_twist
     near = swung < 1e-6
     sine = np.where(near, 1.0, swung)
     factor = np.where(near, 2.0 / real**2, 2.0 * np.arctan2(sine, real) / (sine * real))
