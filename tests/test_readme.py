@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from mjmotion import adapt, load_clip
 from mjmotion.body.character import Character
 from mjmotion.cli import main as cli
 from mjmotion.clips import ROLES, find_rig, read_clip
@@ -124,10 +125,18 @@ def test_the_files_that_are_shown_are_taken(tmp_path: Path) -> None:
     path.write_text(blocks("yaml")[1], "utf-8")
     loaded = load_constraints(path, model, 464)
     assert [one.site for one in loaded] == [entry["site"] for entry in constraints]
-    assert len(loaded[0].frames) == 20
+    assert loaded[0].frames.tolist() == list(range(*constraints[0]["frames"]))
     path = tmp_path / "contacts.json"
     path.write_text(blocks("json")[0], "utf-8")
     assert len(load_contacts(path, model, 464)) == 2
+
+
+def test_the_constraints_that_are_shown_hold_as_they_stand(tmp_path: Path) -> None:
+    (tmp_path / "constraints.yaml").write_text(blocks("yaml")[1], "utf-8")
+    walk = load_clip("walk")
+    asked = load_constraints(tmp_path / "constraints.yaml", walk.model, walk.nframe)
+    result = adapt(walk, "terrain", constraints=asked)
+    assert not result.unmet and not result.validate().broken()
 
 
 @pytest.mark.parametrize("page", PAGES)
