@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mjmotion.apps.morph.fitting import morph
     from mjmotion.apps.retarget.moving import retarget
     from mjmotion.apps.rope.climb import climb_rope
-    from mjmotion.apps.transition.join import join, transition
+    from mjmotion.apps.transition.joining import join, transition
     from mjmotion.body.character import Character
     from mjmotion.body.motion import Motion
     from mjmotion.body.proportions import Proportions, make_character
@@ -63,7 +63,7 @@ _MODULES = {
     "detect_contacts": "footsteps.contacts",
     "edit_frame": "apps.edit.frame",
     "fit": "fitting",
-    "join": "apps.transition.join",
+    "join": "apps.transition.joining",
     "load_clip": "clips",
     "load_constraints": "constraints",
     "load_contacts": "footsteps.contacts",
@@ -74,7 +74,7 @@ _MODULES = {
     "render_video": "output.video",
     "result_folder": "output.folder",
     "retarget": "apps.retarget.moving",
-    "transition": "apps.transition.join",
+    "transition": "apps.transition.joining",
     "validate": "validation",
     "write_results": "output.result",
 }

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 import subprocess
 import sys
+import types
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +71,20 @@ def test_the_applications_are_functions_however_they_are_reached() -> None:
 
 
 # --- ten lines each -------------------------------------------------------------------------------
+
+
+def test_no_function_hides_a_module() -> None:
+    """A package gives nothing by the name of one of its modules: one would hide the other."""
+    hidden = []
+    for module in pkgutil.walk_packages(mjmotion.__path__, "mjmotion."):
+        package, _, leaf = module.name.rpartition(".")
+        if leaf != "__main__":
+            importlib.import_module(module.name)
+            if not isinstance(
+                getattr(importlib.import_module(package), leaf, None), types.ModuleType
+            ):
+                hidden.append(module.name)
+    assert not hidden
 
 
 def test_adapt_by_names(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ from mjmotion.scene import (
     terrain,
 )
 from mjmotion.scene.stage import ground_heights
-from mjmotion.scene.terrain import control_heights, spline_surface
+from mjmotion.scene.terrain_scene import control_heights, spline_surface
 
 SHIPPED = ("flat", "terrain", "terrain_doors", "stairs", "slope", "blocks")
 ROOT = Path(__file__).parents[1]

@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.cli.terminal import Bar, level_lines, no_rendering, path_lines, say, warn
     from mjmotion.exceptions import RenderError
     from mjmotion.output.folder import check_output, result_folder
-    from mjmotion.scene.rope import BEAM, EDGE
+    from mjmotion.scene.rope_scene import BEAM, EDGE
 
     check_output(args.out, args.force)
     if not args.no_video and (problem := no_rendering()):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mjmotion.body.kinematics import site_id
 from mjmotion.exceptions import ModelError
 from mjmotion.numerics.rotations import conjugate, exp, multiply, rotate, to_matrix, yaw_quat
-from mjmotion.scene.rope import RADIUS as ROPE_RADIUS
+from mjmotion.scene.rope_scene import RADIUS as ROPE_RADIUS
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from mjmotion.scene.builders import (
     stairs,
     terrain,
 )
-from mjmotion.scene.compose import compose, scene_of, with_ground, without_scene
+from mjmotion.scene.composing import compose, scene_of, with_ground, without_scene
 from mjmotion.scene.save import save_model
 from mjmotion.scene.scene import START_SITE, Scene, SceneLike, load_scene
 

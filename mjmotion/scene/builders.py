@@ -14,7 +14,7 @@ import numpy as np
 
 from mjmotion.exceptions import SceneError
 from mjmotion.scene.heights import from_heights
-from mjmotion.scene.rope import rope
+from mjmotion.scene.rope_scene import rope
 from mjmotion.scene.stage import (
     FLOOR,
     GROUND,
@@ -28,7 +28,7 @@ from mjmotion.scene.stage import (
     new_scene,
     yaw_quat,
 )
-from mjmotion.scene.terrain import terrain
+from mjmotion.scene.terrain_scene import terrain
 
 _POST = 0.1  # [m], side of a door post
 _LINTEL = 0.14  # [m], height of a lintel

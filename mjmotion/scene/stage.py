@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.exceptions import SceneError
-from mjmotion.scene.compose import add_sky, add_sun
+from mjmotion.scene.composing import add_sky, add_sun
 from mjmotion.scene.scene import START_SITE
 
 GROUND = "ground"

@@ -6,10 +6,10 @@ climb.save("out/rope", video=True)
 """
 
 from mjmotion.apps.rope.climb import climb_rope
-from mjmotion.apps.rope.measure import RopeFigures, measure
+from mjmotion.apps.rope.measuring import RopeFigures, measure
 from mjmotion.apps.rope.points import RopePoints, rope_points
 from mjmotion.apps.rope.result import RopeClimb, render_climb, write_climb
-from mjmotion.apps.rope.simulate import simulate
+from mjmotion.apps.rope.simulation import simulate
 
 __all__ = [
     "RopeClimb",

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from mjmotion.apps.retarget import held_shift
 from mjmotion.apps.retarget.grasps import check_span
 from mjmotion.apps.rope.grasps import places_along
-from mjmotion.apps.rope.measure import measure
+from mjmotion.apps.rope.measuring import measure
 from mjmotion.apps.rope.points import rope_points
 from mjmotion.apps.rope.result import ORIGINAL, RopeClimb
-from mjmotion.apps.rope.simulate import simulate
+from mjmotion.apps.rope.simulation import simulate
 from mjmotion.body.character import Character, CharacterLike, joint_names
 from mjmotion.body.motion import Motion
 from mjmotion.clips.climb import climb_constraints, climb_contacts, make_climb
@@ -34,7 +34,7 @@ from mjmotion.fitting import TOLERANCE, Fit, fit
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.scene import Scene, compose, rope, without_scene
-from mjmotion.scene.rope import BEAM, EDGE
+from mjmotion.scene.rope_scene import BEAM, EDGE
 from mjmotion.validation.figures import joint_jerk_ratio
 
 Array = NDArray[np.float64]

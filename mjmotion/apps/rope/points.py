@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.exceptions import ModelError
-from mjmotion.scene.rope import ROPE
+from mjmotion.scene.rope_scene import ROPE
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def rope_points(model: mujoco.MjModel) -> RopePoints:
     """Return the rope of a model.
 
     Raises:
-      ModelError: it has no flex named ``rope`` such as :func:`mjmotion.scene.rope` makes.
+      ModelError: it has no flex named ``rope``, as :func:`mjmotion.scene.rope_scene.rope` makes.
     """
     flex = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_FLEX, ROPE)
     if flex < 0 or model.flex_dim[flex] != 1:

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mjmotion.apps.rope.measure import RopeFigures
+from mjmotion.apps.rope.measuring import RopeFigures
 from mjmotion.body.motion import Motion
 from mjmotion.clips.climb_plan import Hold
 from mjmotion.constraints import SiteConstraint

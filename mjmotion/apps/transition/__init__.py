@@ -7,8 +7,8 @@ result.source, result.motion      # the blend before the fit, and after
 
 from __future__ import annotations
 
-from mjmotion.apps.transition.blend import Blend, blend
-from mjmotion.apps.transition.join import (
+from mjmotion.apps.transition.blending import Blend, blend
+from mjmotion.apps.transition.joining import (
     Joined,
     Place,
     blend_clips,

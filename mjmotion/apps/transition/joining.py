@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.apps.adaptation import FitSettings, as_clip, fit_plan
-from mjmotion.apps.transition.blend import blend
+from mjmotion.apps.transition.blending import blend
 from mjmotion.apps.transition.overlap import (
     Overlap,
     cadence_ratio,
