@@ -1,7 +1,7 @@
 """How long jobs tell what they are doing: one type for every ``progress`` argument.
 
 def show(stage: str, done: int, of: int) -> None:
-print(stage, f"{done} of {of}" if of else "")
+    print(stage, f"{done} of {of}" if of else "")
 
 result.save("out/walk", video=True, progress=show)
 """

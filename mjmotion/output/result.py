@@ -121,7 +121,7 @@ class Result:
         force: bool = False,
         title: str | None = None,
         thresholds: Mapping[str, object] | None = None,
-        progress: Progress | None = None,
+        progress: Progress = no_progress,
     ) -> Path:
         """Measure the result and write everything of it into a folder, whole or not at all.
 
@@ -145,7 +145,6 @@ class Result:
             from mjmotion.output.video import ensure_gl
 
             ensure_gl()  # before all the work
-        progress = progress or no_progress
         with result_folder(folder, force) as aside:
             progress("measuring", 0, 0)
             validation = self.validate(thresholds)
@@ -219,7 +218,7 @@ def write_results(
     *,
     video: bool = True,
     title: str | None = None,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> None:
     """Write everything of a result into a folder that is there.
 
@@ -238,7 +237,6 @@ def write_results(
     """
     from mjmotion.output.report import write_report
 
-    progress = progress or no_progress
     folder = Path(folder)
     progress("report", 0, 0)
     write_motions(folder, result)

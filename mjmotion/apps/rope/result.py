@@ -140,7 +140,7 @@ def write_climb(
     climb: RopeClimb,
     *,
     video: bool = True,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> None:
     """Write everything of a climb into a folder that is there.
 
@@ -180,7 +180,7 @@ def render_climb(
     *,
     width: int = 1280,
     height: int = 720,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Path:
     """Render the humanoid's climb and the character's side by side, each with its own rope.
 

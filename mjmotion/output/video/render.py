@@ -56,7 +56,7 @@ def render_video(
     crf: int = 22,
     preview: bool = False,
     captions: tuple[str, str] | None = None,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Path:
     """Render a motion to an H.264 video.
 
@@ -93,7 +93,6 @@ def render_video(
     frames, rate = video_frames(motion, fps if fps is not None else _MAX_FPS / (1 + preview))
     settings = _Settings(layout, width, height, not preview, 0 if preview else 4, captions)
     renderer = _Renderer(motion, source, contacts, body, settings)
-    progress = progress or no_progress
     with (
         Canvas(renderer.model, width, height) as canvas,
         VideoWriter(path, width, height, rate, crf) as writer,

@@ -66,7 +66,7 @@ def render_side_by_side(
     height: int = 720,
     fps: float = 30.0,
     crf: int = 22,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Path:
     """Render motions of the same frames side by side to an H.264 video.
 
@@ -88,7 +88,6 @@ def render_side_by_side(
     """
     check_size(width, height)
     frames, rate = video_frames(motions[0], fps)
-    progress = progress or no_progress
     with (
         _Panels(motions, captions, grasps, bearing, width, height) as panels,
         VideoWriter(path, width, height, rate, crf) as writer,
