@@ -148,24 +148,20 @@ def fit_plan(
     guess = shifted(plan.source, plan.root_shift)
     asked = _moved_near(constraints, guess)
     near = _within_reach(asked, guess)
-    began = time.perf_counter()
-    start, shift, clearance = plan.source, plan.root_shift, None
-    if plan.obstacles:
-        settings.progress("clearances", 0, 0)
-        clearance = ObstacleClearance(character, plan.obstacles, nframe)
-        start = _duck(plan, [*plan.constraints(), *near], clearance, settings.levels)
-    settings.progress("fit", 0, 0)
-    ducked = time.perf_counter() - began
+    asked_for = [*plan.constraints(), *near]
     result = fit(
-        start,
-        [*plan.constraints(), *near],
+        plan.source,
+        asked_for,
         levels=settings.levels,
         tolerance=settings.tolerance,
         ik=solver,
-        clearance=clearance,
-        first_guess=shift if clearance is None else False,
+        first_guess=plan.root_shift,
         progress=settings.progress,
     )
+    clearance = None
+    if plan.obstacles:
+        clearance = ObstacleClearance(character, plan.obstacles, nframe)
+        result = _kept_clear(result, asked_for, clearance, solver, settings)
     plan, result = _with_relaxed_ankles(plan, result, near, solver, clearance)
     if clearance is not None:
         _check_passage(clearance, result)
@@ -176,9 +172,39 @@ def fit_plan(
         plan.source.on(composed),
         result.motion.on(composed),
         plan.contacts,
-        dataclasses.replace(result.trace, fit_seconds=ducked + result.trace.fit_seconds),
+        result.trace,
         find_unmet(result.motion, targets, wanted),
     )
+
+
+def _kept_clear(
+    result: Fit,
+    constraints: Sequence[Constraint],
+    clearance: ObstacleClearance,
+    solver: IKSolver,
+    settings: FitSettings,
+) -> Fit:
+    """Fit again where the fitted motion comes too near an obstacle: from a way past it."""
+    began = time.perf_counter()
+    settings.progress("clearances", 0, 0)
+    start = _duck(result.motion, constraints, clearance, settings.levels)
+    if start is result.motion:
+        return result
+    settings.progress("fit", 0, 0)
+    ducked = time.perf_counter() - began
+    again = fit(
+        start,
+        constraints,
+        levels=settings.levels,
+        tolerance=settings.tolerance,
+        ik=solver,
+        clearance=clearance,
+        first_guess=False,
+        progress=settings.progress,
+    )
+    trace = whole((result.trace, again.trace))
+    trace = dataclasses.replace(trace, fit_seconds=ducked + trace.fit_seconds)
+    return dataclasses.replace(again, trace=trace)
 
 
 def _with_relaxed_ankles(
@@ -270,7 +296,7 @@ def stiff_root(character: Character) -> Array:
 
 
 def _duck(
-    plan: Plan,
+    motion: Motion,
     constraints: Sequence[Constraint],
     clearance: ObstacleClearance,
     levels: Sequence[float] | None,
@@ -278,14 +304,17 @@ def _duck(
     """Find the way past obstacles first, with knots so wide that it begins and ends in good time.
 
     Only frames that come too near an obstacle take part, so the displacement spreads smoothly to
-    the frames around them, which full constraints at every frame would forbid.
+    the frames around them, which full constraints at every frame would forbid. A motion that is
+    nowhere too near is returned as it is.
     """
-    source, qpos = plan.source, shifted(plan.source, plan.root_shift).qpos
-    levels = list(default_levels(source.fps) if levels is None else levels)
+    qpos, nframe = motion.qpos, motion.nframe
+    frames = np.arange(nframe)
+    if len(clearance(qpos, frames).frame) == 0:
+        return motion
+    levels = list(default_levels(motion.fps) if levels is None else levels)
     coarse = levels[: max(1, len(levels) - 2)]
-    frames = np.arange(source.nframe)
-    targets = lay_out(constraints, source.model, source.nframe).over_all_frames(source.nframe)
-    solver = NumericIK(source.character, iterations=1)  # the rounds are its iterations
+    targets = lay_out(constraints, motion.model, nframe).over_all_frames(nframe)
+    solver = NumericIK(motion.character, iterations=1)  # the rounds are its iterations
     wider = clearance.at_margin(DUCK_MARGIN)
     for frames_per_knot in coarse + DUCK_ROUNDS * coarse[-1:]:
         near = np.unique(wider(qpos, frames).frame)
@@ -295,11 +324,11 @@ def _duck(
         def spline(
             solution: Solution, at: NDArray[np.int64] = near, knots: float = frames_per_knot
         ) -> Array:
-            return fit_level(at, solution.displacement, source.nframe, knots)
+            return fit_level(at, solution.displacement, nframe, knots)
 
         problem = solver.prepare(targets.at(near), wider)
-        qpos = run_level(source.character, qpos, near, problem.solve, spline).qpos
-    return source.replace(qpos)
+        qpos = run_level(motion.character, qpos, near, problem.solve, spline).qpos
+    return motion.replace(qpos)
 
 
 def _check_passage(clearance: ObstacleClearance, result: Fit) -> None:

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 RISE_TIME = 0.25  # over how long the root rises or sinks for a limb to reach at last [s]
 LIMIT_SLACK = 1e-5  # how far a closed limb may be out of its range before the root gives [rad]
+EASE_TURN = 10.0  # rigidity of the root against turning where it gives, against moving [1/rad²]
 _EASES = 4
 _PASSES = 2  # times that Eq. 2 is applied at a level's knots
 _FOLLOWS = 3  # levels in which limbs follow a root that has moved
@@ -119,7 +120,7 @@ class ExactPass:
         """
         character, frames = self.motion.character, self.targets.frames[rows]
         rigidity = default_rigidity(character.model)
-        rigidity[:6] = 1.0
+        rigidity[:3], rigidity[3:6] = 1.0, EASE_TURN
         solver = NumericIK(character, rigidity, iterations=4, bones=self.bones)
         problem = solver.prepare(self.targets.at(rows))
         frames_per_knot = min(self.frames_per_knot, RISE_TIME * self.motion.fps)

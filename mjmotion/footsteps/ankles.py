@@ -27,8 +27,9 @@ from mjmotion.numerics.smoothing import cover
 Array = NDArray[np.float64]
 
 MARGIN = 0.04  # how far within its range an ankle is kept [rad]
-GIVE_TIME = 0.1  # how far on either side a giving is felt [s]
+GIVE_TIME = 0.06  # how far on either side a giving is felt [s]
 SHORTEST = 0.07  # what is left of a contact is dropped when it is shorter [s]
+MOST_LACK = 0.35  # the most that a foot is turned back at a time [rad]
 _ROUNDS = 3
 SLACK = 0.035  # what an ankle may use of the margin before anything gives [rad]
 _LIFTED = 5e-4  # a heel this far off its foothold no longer stands [m]
@@ -79,6 +80,8 @@ def _turn_back(motion: Motion, limbs: Limbs, foot: Foot, path: FootPath) -> Foot
     ankle = swing_twist(limbs.ankle_turn(state, displacement)[:, 0])
     if not ((ankle < box[:, 0] + MARGIN - SLACK) | (ankle > box[:, 1] - MARGIN + SLACK)).any():
         return None
+    # What is far out of range is out of reach, which turning a foot does not mend.
+    ankle = np.clip(ankle, box[:, 0] - MOST_LACK, box[:, 1] + MOST_LACK)
     lack = np.zeros_like(ankle)
     time = GIVE_TIME * motion.fps
     for axis in range(3):

@@ -14,30 +14,24 @@ from numpy.typing import NDArray
 
 from mjmotion.body.kinematics import Kinematics, Pose
 from mjmotion.body.motion import Motion
-from mjmotion.body.reach import drop_to_reach
 from mjmotion.constraints import SiteConstraint
 from mjmotion.constraints.shared_targets import SharedMove
 from mjmotion.exceptions import ContactError
-from mjmotion.fitting import default_levels, fit
+from mjmotion.fitting import fit
 from mjmotion.footsteps.ankles import relax_ankles
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds, find_stances
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
 from mjmotion.footsteps.paths import FootPath, foot_path, free_footholds
+from mjmotion.footsteps.pelvis import ROLLING, pushed_off, root_shift
 from mjmotion.ik import IKSolver
-from mjmotion.numerics.bspline import fit_multilevel
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
-from mjmotion.numerics.smoothing import cover
 from mjmotion.scene import Scene
 
 Array = NDArray[np.float64]
 
-REACH_FREE = 0.97  # share of a leg's length that a root path may always ask for
-REACH_MOST = 0.995  # the most it may ask for, where the source did
 OFF_PLANE = 0.03  # further out of its plane than this a free foothold stands on something else [m]
 _HALVINGS = 3  # of a move that would take a foothold there; after the last it stays
-LEAST_HEIGHT = 0.5  # of a leg's length that a hip keeps over its ankle, however far that is
-DROP_TIME = 0.3  # how far on either side it is felt that a leg would not reach [s]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -177,11 +171,13 @@ def _on_ground(
         foot_path(foot, index, pose, stances, footholds, ground, source.fps)
         for index, foot in enumerate(feet)
     )
-    shift = root_shift(source, pose, paths)
+    shift = root_shift(source, pose, paths, found, ROLLING)
+    paths = pushed_off(source, pose, paths, found, shift)
+    shift = root_shift(source, pose, paths, found)
     relaxed, trimmed = relax_ankles(shifted(source, shift), feet, paths, found)
     if relaxed != paths:
         paths, found = relaxed, trimmed
-        shift = root_shift(source, pose, paths)
+        shift = root_shift(source, pose, paths, found)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
     return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles)
 
@@ -191,48 +187,3 @@ def shifted(motion: Motion, shift: Array) -> Motion:
     qpos = np.array(motion.qpos)
     qpos[:, :3] += shift
     return motion.replace(qpos)
-
-
-def root_shift(source: Motion, pose: Pose, paths: Sequence[FootPath]) -> Array:
-    """Return the first guess of §4.5 (nframe, 3) [m]: the mean shift of the feet's contacts.
-
-    Each foot's shift is blended through its swing, so the mean is smooth; it is fitted with the
-    coarse knots alone. Where a leg would then be longer than it is, the root goes down.
-    """
-    shift = mean_shift(source, paths)
-    shift[:, 2] -= drop(source, pose, paths, shift)
-    return shift
-
-
-def mean_shift(source: Motion, paths: Sequence[FootPath]) -> Array:
-    """Return the feet's mean shift (nframe, 3) [m], fitted with the coarse knots alone (§4.5)."""
-    mean = np.mean([path.shift for path in paths], axis=0)
-    levels = default_levels(source.fps)
-    return fit_multilevel(np.arange(source.nframe), mean, source.nframe, levels[:-1])
-
-
-def drop(source: Motion, pose: Pose, paths: Sequence[FootPath], shift: Array) -> Array:
-    """Return how far the root must go down for every foot to be within reach (nframe,) [m].
-
-    Args:
-      source: the motion.
-      pose: its poses.
-      paths: where its feet are to be.
-      shift: (nframe, 3) how far the root is moved already [m].
-    """
-    need = np.full(source.nframe, -np.inf)
-    for path in paths:
-        site = source.model.site(path.site)
-        limb = source.character.limb_by_end.get(int(site.bodyid[0]))
-        if limb is None:
-            continue
-        limbs = source.character.chains((limb,))
-        hip = pose.xanchor[:, source.model.body_jntadr[limb.upper]]
-        ankle = pose.xanchor[:, source.model.body_jntadr[limb.end]]
-        was = np.linalg.norm(hip - ankle, axis=1)
-        long = float(limbs.reach[0])
-        most = np.clip(was, REACH_FREE * long, REACH_MOST * long)
-        local = source.model.jnt_pos[source.model.body_jntadr[limb.end]] - site.pos
-        goal = path.position + rotate(path.quat, np.broadcast_to(local, path.position.shape))
-        need = np.maximum(need, drop_to_reach(hip + shift, goal, most, LEAST_HEIGHT * long))
-    return cover(need, DROP_TIME * source.fps)

@@ -67,7 +67,7 @@ class StepOver:
         self._stance, self._ground, self._fps = stance, ground, fps
         self._swing = np.flatnonzero(~stance)
         # A foot cannot be up at once: a lift is bounded by what it could rise since its stance.
-        apart = _frames_to(stance) / fps
+        apart = frames_to(stance) / fps
         # Close to a stance it is enough to be over the ground; what is wanted comes in time.
         s = np.clip(apart / CLEARANCE_TIME, 0.0, 1.0)
         self._wanted = wanted * s * s * (3.0 - 2.0 * s)
@@ -156,7 +156,7 @@ class StepOver:
         return need
 
 
-def _frames_to(mask: NDArray[np.bool_]) -> Array:
+def frames_to(mask: NDArray[np.bool_]) -> Array:
     """Distance of each frame to the nearest one in the mask; inf when there is none."""
     index = np.arange(len(mask))
     before = np.maximum.accumulate(np.where(mask, index, -np.inf))

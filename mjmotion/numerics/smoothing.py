@@ -5,6 +5,9 @@ Both are least-squares problems with a banded matrix, so their cost is linear in
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -149,6 +152,73 @@ def cover(need: Array, time: float) -> Array:
     for _ in range(3):
         curve = uniform_filter1d(curve, 2 * width + 1, mode="nearest")
     return np.maximum(curve, need)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Bound:
+    """What a curve should not be above, or below, at some frames, and what being beyond it costs.
+
+    Attributes:
+      value: (nframe,) the bound.
+      frames: (nframe,) where it counts.
+      price: of a squared unit beyond it, against a squared unit off the values that are followed.
+      upper: whether the curve should be below it, and not above.
+    """
+
+    value: Array
+    frames: NDArray[np.bool_]
+    price: float
+    upper: bool
+
+
+def between(values: Array, time: float, bounds: Sequence[Bound] = ()) -> Array:
+    """Return the smooth curve that follows values and keeps, as far as it pays, within bounds.
+
+    It minimises ``τ⁶ |Δ³c|² + |c − values|² + Σ price |beyond|²``, a convex quadratic programme
+    with a banded matrix, by Newton steps on the bounds that are broken.
+
+    Args:
+      values: (nframe,).
+      time: τ [frames].
+      bounds: what to keep within.
+
+    Returns:
+      (nframe,).
+    """
+    nframe = len(values)
+    if nframe < 5:
+        return np.array(values)
+    base = _energy(nframe, (1.0, 0.0, 0.0, time**6))
+    sign = np.array([1.0 if bound.upper else -1.0 for bound in bounds])[:, None]
+    value = np.array([bound.value for bound in bounds]).reshape(-1, nframe)
+    counts = np.array([bound.frames for bound in bounds], dtype=bool).reshape(-1, nframe)
+    counts &= np.isfinite(value)
+    level = np.where(counts, value, 0.0)
+    price = np.array([bound.price for bound in bounds])[:, None]
+    free = np.zeros(nframe, dtype=bool)
+    curve = _solve(base, values[:, None], free, values[:, None])[:, 0]
+    for _ in range(_ROUNDS):
+        active = counts & (sign * (curve - level) > 0.0)
+        weight = np.where(active, price, 0.0)
+        band, right = base.copy(), values + (weight * level).sum(axis=0)
+        band[0] += weight.sum(axis=0)
+        direction = _solve(band, right[:, None], free, values[:, None])[:, 0] - curve
+        if np.abs(direction).max() < _SETTLED:
+            break
+        # Along the direction the slope only grows: halve towards where it crosses zero.
+        flat = direction @ (_times(base, curve) - values)
+        steep = direction @ _times(base, direction)
+        low, high = 0.0, 1.0
+        for halving in range(_HALVINGS + 1):
+            length = 1.0 if halving == 0 else 0.5 * (low + high)
+            beyond = np.maximum(sign * (curve + length * direction - level), 0.0)
+            pull = (np.where(counts, price * sign * beyond, 0.0) @ direction).sum()
+            falling = flat + length * steep + pull < 0.0
+            if falling and halving == 0:
+                break
+            low, high = (length, high) if falling else (low, length)
+        curve = curve + length * direction
+    return curve
 
 
 def _penalised(

@@ -24,13 +24,8 @@ from mjmotion.body.motion import Motion
 from mjmotion.body.reach import drop_to_reach
 from mjmotion.constraints import SiteConstraint
 from mjmotion.footsteps.contacts import Contact, contact_mask
-from mjmotion.footsteps.plan import (
-    DROP_TIME,
-    LEAST_HEIGHT,
-    REACH_FREE,
-    REACH_MOST,
-    make_plan,
-)
+from mjmotion.footsteps.pelvis import DROP_TIME, LEAST_HEIGHT, REACH_FREE, REACH_MOST
+from mjmotion.footsteps.plan import make_plan
 from mjmotion.numerics.rotations import conjugate, multiply, rotate, yaw_quat
 from mjmotion.numerics.smoothing import cover
 from mjmotion.scene import load_scene

@@ -21,7 +21,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.body.reach import drop_to_reach
 from mjmotion.footsteps.contacts import Contact, contact_mask
 from mjmotion.footsteps.paths import FootPath
-from mjmotion.footsteps.plan import DROP_TIME, LEAST_HEIGHT, REACH_FREE, REACH_MOST
+from mjmotion.footsteps.pelvis import DROP_TIME, LEAST_HEIGHT, REACH_FREE, REACH_MOST
 from mjmotion.numerics.rotations import cross, dot, exp, multiply, normalized, rotate
 from mjmotion.numerics.smoothing import cover, envelope
 
