@@ -166,6 +166,18 @@ def test_a_forearm_in_the_pelvis_counts_beyond_the_sources() -> None:
     assert math.isnan(result.metrics["stance_knee_bend_deg"])  # it has no legs
 
 
+def test_a_foot_in_the_floor_is_no_overlap() -> None:
+    """Not even where the model names the two as a pair, which collides whatever its bits are."""
+    named = ARM.replace('type="plane"', 'name="floor" type="plane"').replace(
+        '<geom size=".05"/>', '<geom name="ball" size=".05"/>'
+    )
+    pair = '<contact><pair geom1="floor" geom2="ball"/></contact></mujoco>'
+    body = Character.of(mujoco.MjModel.from_xml_string(named.replace("</mujoco>", pair)))
+    own = standing(body)
+    own[9, 2] = 0.02  # the ball's middle is as high as the root
+    assert check(own, standing(body), (), body).metrics["self_overlap_mm"] == 0.0
+
+
 def test_overlaps_are_those_of_mujocos_distances() -> None:
     body = character()
     model, rng = body.model, np.random.default_rng(3)

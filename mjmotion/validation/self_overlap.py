@@ -54,6 +54,7 @@ class SelfOverlap:
         self._model.geom_margin[:] = 0.0
         self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self._body = np.array(model.geom_bodyid, dtype=np.int64)
+        self._geoms = geoms
         self._allowed = np.empty(0, np.int64)
         resting = np.unique(self.overlaps(model.qpos0[None]).pair)
         over = model.body_parentid[model.body_parentid[resting % model.nbody]]
@@ -72,13 +73,22 @@ class SelfOverlap:
                 geoms.append(np.array(data.contact.geom, dtype=np.int64))
                 depths.append(-np.array(data.contact.dist))
         frame_of = np.concatenate(frames) if frames else np.empty(0, np.int64)
-        body, depth = self._body[np.concatenate(geoms)], np.concatenate(depths)
+        both, depth = np.concatenate(geoms), np.concatenate(depths)
+        body = self._body[both]
         first, second = body.min(axis=1), body.max(axis=1)
         pair = first * model.nbody + second
         weld, parent = model.body_weldid, model.body_parentid
         up = [weld[parent[weld[one]]] for one in (first, second)]
         near = (up[0] == weld[second]) | (up[1] == weld[first]) | (up[0] == up[1])
-        keep = (depth > 0) & ~near & (weld[first] != weld[second]) & ~np.isin(pair, self._allowed)
+        # Pairs that the model names collide whatever their bits are, with the scene too.
+        mine = np.isin(both, self._geoms).all(axis=1)
+        keep = (
+            mine
+            & (depth > 0)
+            & ~near
+            & (weld[first] != weld[second])
+            & ~np.isin(pair, self._allowed)
+        )
         return Overlaps(frame_of[keep], pair[keep], depth[keep])
 
     def names(self, pair: int) -> str:
