@@ -11,8 +11,23 @@ import numpy as np
 from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import Constraint, SiteConstraint
+from mjmotion.validation import Validation
 
 T = TypeVar("T")
+
+# What a fit does not look at yet: figures of how a body moves, beside its source. That these hold
+# is not claimed of real clips on real scenes; ``make bench`` counts where they are missed.
+BESIDE_SOURCE = (
+    "trunk_back_deg",
+    "head_back_deg",
+    "stance_knee_bend_deg",
+    "self_overlap_mm",
+    "com_acceleration_ratio",
+    "contact_kept_percent",
+    "unexplained_more_points",
+)
+# The same for the command line, whose exit code is then that of all other figures.
+NOT_BESIDE_SOURCE = tuple(w for name in BESIDE_SOURCE for w in ("--threshold", f"{name}=none"))
 
 # Joints of every kind, off-centre anchors, turned bodies, two sites.
 MIXED = """
@@ -86,6 +101,11 @@ def loop_quats(model: mujoco.MjModel, qpos: np.ndarray, site: str) -> np.ndarray
         mujoco.mj_kinematics(model, data)
         mujoco.mju_mat2Quat(quats[row], data.site(site).xmat)
     return quats
+
+
+def missed(validation: Validation) -> list[str]:
+    """What is beyond its threshold, but for figures that no fit looks at yet."""
+    return [name for name in validation.broken() if name not in BESIDE_SOURCE]
 
 
 def some(value: T | None) -> T:

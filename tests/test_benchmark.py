@@ -91,6 +91,14 @@ def test_quality_says_what_the_validation_says() -> None:
     json.dumps(pair.as_dict(), allow_nan=False)
 
 
+def test_bounds_are_the_validations_own() -> None:
+    assert quality.bounds("contact_kept_percent") == (90.0, None)
+    assert quality.bounds("trunk_back_deg") == (None, 5.0)
+    assert quality.bounds(quality.CLEARANCE) == (0.0, None)
+    assert quality.bounds("root_travel_ratio") == (0.97, 1.03)
+    assert set(quality.LABELS) == set(THRESHOLDS)
+
+
 def test_spare_clearance_is_that_of_the_worst_swing() -> None:
     swings = [
         {"clearance_mm": 12.0, "source_clearance_mm": 40.0},  # 10 asked, 2 spare
@@ -112,6 +120,7 @@ def test_a_walk_that_cannot_pass_is_missed() -> None:
 def test_summary_takes_the_worst_and_counts_misses() -> None:
     fine = dict.fromkeys(THRESHOLDS, 0.0) | {"root_travel_ratio": 1.0}
     bad = fine | {"stance_drift_mm": 3.0, quality.CLEARANCE: -2.0, "root_travel_ratio": 0.9}
+    fine, bad = fine | {"contact_kept_percent": 95.0}, bad | {"contact_kept_percent": 91.0}
     pairs = [
         quality.Pair("walk", "slope", fine),
         quality.Pair(
@@ -129,6 +138,7 @@ def test_summary_takes_the_worst_and_counts_misses() -> None:
     assert "walk on stairs, frame 7, left_toe; 1 of 2 missed" in drift.note
     assert found["swing clearance over what is asked"].value == -2.0
     assert found["root path over source"].value == 0.9
+    assert found["source's stance frames in contacts"].value == 91.0
     assert found["sole penetration"].verdict == "ok"
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import command_line
 import numpy as np
 import pytest
-from made_up import MIXED, humanoid, loop_quats, loop_sites, mixed, some, walk
+from made_up import MIXED, NOT_BESIDE_SOURCE, humanoid, loop_quats, loop_sites, mixed, some, walk
 
 from mjmotion.apps.edit import HOLDS, Hold, Span, deformation, edit_frame
 from mjmotion.apps.edit.ranges import write_ranges
@@ -309,7 +309,9 @@ def file(clip: Motion, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_command_writes_a_result_with_a_plot(file: Path, tmp_path: Path) -> None:
     words = ("--frame", FRAME, "--site", "pelvis", "--by", 0, 0, -0.1, "--levels", "6,3,1.5")
-    done = run(file, *words, "--out", tmp_path / "out", "--no-video")
+    # An edit is a change of posture: further back than the clip is what it may be asked for.
+    aside = ("--no-video", *NOT_BESIDE_SOURCE)
+    done = run(file, *words, "--out", tmp_path / "out", *aside)
     assert done.returncode == 0, done.stderr
     assert f"35 frames change, {FRAME - 17} to {FRAME + 17}" in done.stdout
     results = read_results(tmp_path / "out")
@@ -320,7 +322,7 @@ def test_the_command_writes_a_result_with_a_plot(file: Path, tmp_path: Path) -> 
     hand = ("--site", "left_hand", "--by", 0, 0.1, 0.1)
     pelvis = ("--site", "pelvis", "--by", 0, 0, -0.05)
     again = ("--frame", 20, *hand, *pelvis, "--levels", "12,6,3,1.5")
-    done = run(tmp_path / "out", *again, "--out", tmp_path / "again", "--no-video")
+    done = run(tmp_path / "out", *again, "--out", tmp_path / "again", *aside)
     assert done.returncode == 0, done.stderr
     second = read_results(tmp_path / "again")
     assert (second.source.qpos == results.motion.qpos).all()

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up import missed
 from numpy.typing import NDArray
 
 import mjmotion
@@ -90,7 +91,7 @@ def test_no_function_hides_a_module() -> None:
 def test_adapt_by_names(tmp_path: Path) -> None:
     result = adapt("straight", "stairs")
     figures = result.validate()
-    assert not figures.broken() and not result.unmet
+    assert not missed(figures) and not result.unmet
     folder = result.save(tmp_path / "out")
     assert (folder / "report.html").is_file() and (folder / "model.xml").is_file()
     assert repr(result).startswith("<Result: 100 frames at 30 fps") and len(repr(result)) < 100

@@ -318,7 +318,11 @@ def test_figures_of_one_body_are_the_same_either_way() -> None:
     still = MorphBody.between(model, [(0, model)], FRAMES)
     plain = validate(result.source, result.source, result.contacts)
     as_body = validate(result.source, result.source, result.contacts, body=still)
+    unknown = ("self_overlap", "com_acceleration", "unexplained")  # of a body that changes
     for name, value in plain.metrics.items():
+        if any(word in name for word in unknown):
+            assert np.isnan(as_body.metrics[name])
+            continue
         assert as_body.metrics[name] == pytest.approx(value, abs=1e-3, nan_ok=True), name
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from made_up import missed
 
 from mjmotion import adapt, load_clip
 from mjmotion.body.character import Character
@@ -136,7 +137,7 @@ def test_the_constraints_that_are_shown_hold_as_they_stand(tmp_path: Path) -> No
     walk = load_clip("walk")
     asked = load_constraints(tmp_path / "constraints.yaml", walk.model, walk.nframe)
     result = adapt(walk, "terrain", constraints=asked)
-    assert not result.unmet and not result.validate().broken()
+    assert not result.unmet and not missed(result.validate())
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import run
-from made_up import character, mixed, some
+from made_up import NOT_BESIDE_SOURCE, character, mixed, some
 
 from mjmotion.apps.adaptation import adapt
 from mjmotion.apps.transition import (
@@ -482,7 +482,7 @@ def test_a_clip_on_uneven_ground_is_refused(clips: Clips) -> None:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What ``mjmotion transition`` left behind."""
     out = tmp_path_factory.mktemp("transition") / "sneak"
-    done = run("transition", "straight", "sneak", "--out", out, "--no-video")
+    done = run("transition", "straight", "sneak", "--out", out, "--no-video", *NOT_BESIDE_SOURCE)
     assert done.returncode == 0, done.stderr
     assert "straight, frame" in done.stdout and "joint jerk over" in done.stdout
     return out

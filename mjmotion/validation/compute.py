@@ -7,12 +7,13 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import MotionError
+from mjmotion.validation.beside_source import BesideSource, Body
 from mjmotion.validation.changing import Changing
 from mjmotion.validation.figures import (
+    JERK_CUTOFF,
     Poses,
     check_pair,
     jerk_dofs,
@@ -29,7 +30,8 @@ from mjmotion.validation.ground import Ground
 from mjmotion.validation.inputs import ChangingBody, Contact
 from mjmotion.validation.limits import limit_excess
 from mjmotion.validation.penetration import CharacterGeoms, penetration
-from mjmotion.validation.result import LABELS, Validation, Worst, asked_clearance
+from mjmotion.validation.result import Validation, Worst, asked_clearance
+from mjmotion.validation.sheet import Sheet
 from mjmotion.validation.stance import Stance
 from mjmotion.validation.thresholds import THRESHOLDS, Threshold, merge_thresholds
 
@@ -87,6 +89,7 @@ class Judge:
         self.feet = tuple(sorted({int(model.site_bodyid[site]) for site in self.sites}))
         self.ground = Ground(model)
         self.geoms = CharacterGeoms.of(model, self.feet)
+        self.body = Body(model, self.geoms.ids, self.sites)
 
     def validate(
         self,
@@ -108,12 +111,13 @@ class Judge:
         return _Figures(self, source, motion, body).collect(merged)
 
 
-class _Figures:
+class _Figures(Sheet):
     """Collects figures, and where each is worst, from one pair of motions."""
 
     def __init__(
         self, judge: Judge, source: Motion, motion: Motion, body: ChangingBody | None
     ) -> None:
+        super().__init__()
         self.source, self.motion, self.contacts = source, motion, judge.contacts
         self.model, self.ground, self.geoms = judge.model, judge.ground, judge.geoms
         self.sites, self.feet = judge.sites, judge.feet
@@ -121,9 +125,8 @@ class _Figures:
         self.poses: Poses = (
             poses_of(motion, self.geoms) if self.changing is None else self.changing.poses
         )
-        self.metrics = dict.fromkeys(LABELS, np.nan)
-        self.worst: dict[str, Worst] = {}
-        self.per_frame: dict[str, NDArray[Any]] = {}
+        self.before = poses_of(source, self.geoms)
+        self.beside = BesideSource(self, judge.body, source, motion, judge.contacts, changing=body)
         self.per_contact: list[dict[str, Any]] = []
         self.per_swing: list[dict[str, Any]] = []
         self.per_joint: dict[str, tuple[float, float]] = {}
@@ -136,6 +139,10 @@ class _Figures:
         self.joint_limits()
         self.jerks()
         self.travelling()
+        self.beside.posture()
+        self.beside.stances(self.ground, self.poses.site, self.before.site)
+        self.beside.centre_of_mass()
+        self.beside.self_overlap()
         return Validation(
             metrics={name: float(value) for name, value in self.metrics.items()},
             worst=self.worst,
@@ -147,11 +154,6 @@ class _Figures:
             fps=self.motion.fps,
             nframe=self.motion.nframe,
         )
-
-    def note(self, name: str, value: float, frame: int | None, where: str) -> None:
-        """Keep a figure, and where it is worst."""
-        self.metrics[name] = value
-        self.worst[name] = Worst(frame, where)
 
     def standing(self) -> None:
         """Drift, gap and skate of every contact, and heights of soles over all frames."""
@@ -207,8 +209,7 @@ class _Figures:
             if self.changing is None
             else self.changing.clearances(swings)
         )
-        before = poses_of(self.source, self.geoms)
-        theirs = source_clearances(swings, self.contacts, self.model, self.geoms, before)
+        theirs = source_clearances(swings, self.contacts, self.model, self.geoms, self.before)
         for swing, (clear, frame), (own, _) in zip(swings, mine, theirs, strict=True):
             self.per_swing.append(
                 {
@@ -246,8 +247,9 @@ class _Figures:
             self.worst["joint_limit_rad"] = Worst(int(frame), names[i])
 
     def jerks(self) -> None:
-        """Third derivatives of joint angles, adapted over source."""
-        adapted, own = joint_jerk(self.motion), joint_jerk(self.source)
+        """Third derivatives of joint angles, adapted over source: low-passed, and as they come."""
+        both = (self.motion, self.source)
+        adapted, own = (joint_jerk(one, JERK_CUTOFF) for one in both)
         for name, jerk in (("jerk_rms", adapted), ("source_jerk_rms", own)):
             whole = np.full(self.motion.nframe, np.nan)
             if jerk.size:
@@ -262,16 +264,16 @@ class _Figures:
                 float(np.sqrt(np.mean(adapted[:, columns] ** 2))),
                 float(np.sqrt(np.mean(own[:, columns] ** 2))),
             )
-        frame, i = np.unravel_index(np.abs(adapted).argmax(), adapted.shape)
-        where = self.model.joint(int(dof_joint[i])).name
-        self.note(
-            "jerk_ratio_rms",
-            ratio(float(np.sqrt(np.mean(adapted**2))), float(np.sqrt(np.mean(own**2)))),
-            None,
-            max(self.per_joint, key=lambda name: self.per_joint[name][0] - self.per_joint[name][1]),
+        roughest = max(
+            self.per_joint, key=lambda name: self.per_joint[name][0] - self.per_joint[name][1]
         )
-        high, own_high = (float(np.percentile(np.abs(jerk), 99.9)) for jerk in (adapted, own))
-        self.note("jerk_ratio_p999", ratio(high, own_high), int(frame), where)
+        for prefix, pair in (("", (adapted, own)), ("raw_", [joint_jerk(one) for one in both])):
+            size = [float(np.sqrt(np.mean(jerk**2))) for jerk in pair]
+            high = [float(np.percentile(np.abs(jerk), 99.9)) for jerk in pair]
+            self.note(f"{prefix}jerk_ratio_rms", ratio(size[0], size[1]), None, roughest)
+            frame, i = np.unravel_index(np.abs(pair[0]).argmax(), adapted.shape)
+            where = self.model.joint(int(dof_joint[i])).name
+            self.note(f"{prefix}jerk_ratio_p999", ratio(high[0], high[1]), int(frame), where)
 
     def travelling(self) -> None:
         """How far the root goes over the ground."""

@@ -13,6 +13,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, MotionError, unknown_name
 from mjmotion.validation.ground import Ground
 from mjmotion.validation.inputs import Contact
+from mjmotion.validation.lowpass import low_pass
 from mjmotion.validation.penetration import (
     CharacterGeoms,
     lowest_points,
@@ -26,6 +27,7 @@ Index = NDArray[np.int64]
 
 SHORTEST_SWING = 0.1  # [s] a shorter gap between contacts is not a swing
 SWING_MIDDLE = 0.5  # the part of a swing that its clearance is measured over
+JERK_CUTOFF = 10.0  # [Hz] of the low-pass of joint angles whose jerk is judged
 _NOTHING = 1e-6  # [rad/s³] jerk of a motion that stands still, so that ratios are numbers
 
 
@@ -265,24 +267,32 @@ def source_clearances(
     return result
 
 
-def joint_jerk(motion: Motion) -> Array:
+def joint_jerk(motion: Motion, cutoff: float = np.inf) -> Array:
     """Return the third time derivative of all joint angles but the root's [rad/s³].
+
+    Args:
+      motion: the motion.
+      cutoff: of a low-pass of the angles, both ways [Hz]; without one they are as they come.
 
     Velocities are ``mj_differentiatePos`` from frame to frame, in the tangent space of each joint;
     two more differences follow. (nframe - 3, nv - 6), of frames 0 to nframe - 4; slides are left
-    out, for they are not angles.
+    out, for they are not angles. The low-pass is of all displacements so far.
     """
     model, qpos = motion.model, motion.qpos
     displacement = np.empty((motion.nframe - 1, model.nv))
     for row, before, after in zip(displacement, qpos[:-1], qpos[1:], strict=True):
         # A frame a call costs half a microsecond, less than NumPy over all frames.
         mujoco.mj_differentiatePos(model, row, 1.0, before, after)
-    velocity = displacement[:, jerk_dofs(model)] * motion.fps
-    return np.asarray(np.diff(velocity, n=2, axis=0) * motion.fps**2)
+    angle = np.zeros((motion.nframe, len(jerk_dofs(model))))
+    np.cumsum(displacement[:, jerk_dofs(model)], axis=0, out=angle[1:])
+    smooth = low_pass(angle, cutoff, motion.fps)
+    # As they come they are not summed: a sum and a difference would leave rounding behind.
+    step = displacement[:, jerk_dofs(model)] if smooth is angle else np.diff(smooth, axis=0)
+    return np.asarray(np.diff(step * motion.fps, n=2, axis=0) * motion.fps**2)
 
 
 def joint_jerk_ratio(motion: Motion, others: Sequence[Motion]) -> float:
-    """Return the RMS joint jerk of a motion over the largest of others', such as its clips'."""
+    """Return the RMS joint jerk of a motion, as it comes, over the largest of others'."""
     size = [float(np.sqrt(np.mean(joint_jerk(one) ** 2))) for one in (motion, *others)]
     return ratio(size[0], max(size[1:]))
 

@@ -32,10 +32,29 @@ LABELS: dict[str, str] = {
     "joint_limit_rad": "joint limit excess",
     "jerk_ratio_rms": "joint jerk over source, RMS",
     "jerk_ratio_p999": "joint jerk over source, p99.9",
+    "raw_jerk_ratio_rms": "joint jerk over source, RMS, raw",
+    "raw_jerk_ratio_p999": "joint jerk over source, p99.9, raw",
     "root_travel_ratio": "root path over source",
     "root_displacement_ratio": "root displacement over source",
+    "trunk_back_deg": "trunk further back than source",
+    "head_back_deg": "head further back than source",
+    "stance_knee_bend_deg": "stance knee more bent than source",
+    "self_overlap_mm": "self-overlap beyond source",
+    "source_self_overlap_mm": "self-overlap, source",
+    "com_acceleration_ratio": "centre-of-mass acceleration over source",
+    "contact_kept_percent": "source's stance frames in contacts",
+    "unexplained_more_points": "unexplained force, more frames than source",
+    "unexplained_percent": "unexplained force, frames",
+    "source_unexplained_percent": "unexplained force, frames, source",
 }
-_UNITS = (("_mm_s", "mm/s"), ("_mm", "mm"), ("_rad", "rad"))
+_UNITS = (
+    ("_mm_s", "mm/s"),
+    ("_mm", "mm"),
+    ("_rad", "rad"),
+    ("_deg", "°"),
+    ("_percent", "%"),
+    ("_points", "points"),
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,10 +85,13 @@ class Validation:
         skate_mm_s, ground (name of what it stands on) and ground_kind (``hfield`` or ``solid``).
       per_swing: a dict a swing: foot, start, end, clearance_mm, frame, source_clearance_mm.
       per_frame: arrays, one value a frame: ``sole_penetration_mm``, ``obstacle_penetration_mm``,
-        ``joint_limit_rad``, ``jerk_rms`` and ``source_jerk_rms`` [rad/s³] (NaN in the last three
-        frames), and for each site that feet stand with ``height_m/SITE``, ``ground_m/SITE`` (NaN
-        where there is none), ``gap_mm/SITE`` (NaN out of contact) and ``contact/SITE``.
-      per_joint: joint name to RMS jerk (adapted, source) [rad/s³].
+        ``joint_limit_rad``, ``jerk_rms`` and ``source_jerk_rms`` [rad/s³] (low-passed, NaN in the
+        last three frames), ``trunk_pitch_deg``, ``head_pitch_deg`` and ``self_overlap_mm`` (beyond
+        the source's deepest), ``unexplained_bw`` [body weights] (NaN in the first and the last
+        frame), all four with their ``source_…``, and for each site that feet stand with
+        ``height_m/SITE``, ``ground_m/SITE`` (NaN where there is none), ``gap_mm/SITE``
+        (NaN out of contact) and ``contact/SITE``.
+      per_joint: joint name to RMS jerk (adapted, source), low-passed [rad/s³].
       thresholds: the thresholds it was computed with.
       fps: frames a second.
       nframe: number of frames.
@@ -122,7 +144,7 @@ class Validation:
                 swing["clearance_mm"] >= asked_clearance(least, swing["source_clearance_mm"])
                 for swing in self.per_swing
             )
-        return value <= bound
+        return value >= bound if name in AT_LEAST else value <= bound
 
     def broken(self, thresholds: Mapping[str, object] | None = None) -> list[str]:
         """Return the names of all figures beyond their thresholds.

@@ -14,8 +14,8 @@ from mjmotion.exceptions import MotionError, unknown_name
 
 Threshold = float | tuple[float, float] | None
 
-# An upper bound, or (lower, upper); None switches one off. The clearance of a swing is a lower
-# bound, and no more than half of the source's own is asked for.
+# An upper bound, or (lower, upper); None switches one off. Those of AT_LEAST are lower bounds;
+# of a swing's clearance no more than half of the source's own is asked for.
 THRESHOLDS: dict[str, Threshold] = {
     "stance_drift_mm": 1.0,
     "stance_gap_max_mm": 2.0,
@@ -27,8 +27,15 @@ THRESHOLDS: dict[str, Threshold] = {
     "jerk_ratio_rms": 1.3,
     "jerk_ratio_p999": 2.0,
     "root_travel_ratio": (0.97, 1.03),
+    "trunk_back_deg": 5.0,
+    "head_back_deg": 15.0,
+    "stance_knee_bend_deg": 8.0,
+    "self_overlap_mm": 10.0,
+    "com_acceleration_ratio": 1.5,
+    "contact_kept_percent": 90.0,
+    "unexplained_more_points": 10.0,
 }
-AT_LEAST = frozenset({"swing_clearance_mm"})
+AT_LEAST = frozenset({"swing_clearance_mm", "contact_kept_percent"})
 
 
 def merge_thresholds(changes: Mapping[str, object] | None) -> dict[str, Threshold]:

@@ -23,6 +23,7 @@ from mjmotion.paper.figures import Figure
 from mjmotion.scene import Scene, load_scene
 from mjmotion.validation import THRESHOLDS, Validation, validate
 from mjmotion.validation.result import asked_clearance
+from mjmotion.validation.thresholds import AT_LEAST
 
 MOCAP = Path(__file__).parents[3] / "shared" / "mocap" / "bvh"
 TUNED = (
@@ -77,6 +78,15 @@ LABELS = {
     "jerk_ratio_rms": Label("joint jerk over source, RMS", "jerk", ""),
     "jerk_ratio_p999": Label("joint jerk over source, p99.9", "jerk p99.9", ""),
     "root_travel_ratio": Label("root path over source", "travel", ""),
+    "trunk_back_deg": Label("trunk further back than source", "trunk", "°"),
+    "head_back_deg": Label("head further back than source", "head", "°"),
+    "stance_knee_bend_deg": Label("stance knee more bent than source", "knee", "°"),
+    "self_overlap_mm": Label("self-overlap beyond source", "overlap", "mm"),
+    "com_acceleration_ratio": Label("centre-of-mass acceleration over source", "com acc", ""),
+    "contact_kept_percent": Label("source's stance frames in contacts", "kept", "%"),
+    "unexplained_more_points": Label(
+        "unexplained force, more frames than source", "unexplained", "points"
+    ),
 }
 
 
@@ -114,7 +124,7 @@ class Pair:
         head = f"  {self.clip:16} {self.scene:14}"
         if self.error:
             return [f"{head} MISSED  {self.error}"]
-        cells = " ".join(f"{self.metrics[name]:>10.3g}" for name in LABELS)
+        cells = " ".join(f"{self.metrics[name]:>11.3g}" for name in LABELS)
         lines = [f"{head} {'ok' if self.ok else 'MISSED':6} {cells} {self.seconds:6.2f} s"]
         for name in self.broken:
             where = self.worst.get(name, "")
@@ -132,7 +142,7 @@ class Pair:
 
 def header() -> str:
     """Return the head of the table of pairs."""
-    cells = " ".join(f"{label.short:>10}" for label in LABELS.values())
+    cells = " ".join(f"{label.short:>11}" for label in LABELS.values())
     return f"  {'clip':16} {'scene':14} {'':6} {cells}   time"
 
 
@@ -271,10 +281,13 @@ def bounds(name: str) -> tuple[float | None, float | None]:
     bound = THRESHOLDS[name]
     if name == CLEARANCE:
         return 0.0, None
+    if name in AT_LEAST:
+        assert isinstance(bound, float)
+        return bound, None
     return bound if isinstance(bound, tuple) else (None, bound)
 
 
 def _badness(name: str, value: float) -> float:
-    if name == CLEARANCE:
+    if name in AT_LEAST:
         return -value
     return abs(value - 1.0) if name == "root_travel_ratio" else value
