@@ -34,6 +34,7 @@ from mjmotion.constraints.unmet import find_unmet
 from mjmotion.exceptions import SceneError, frame_list
 from mjmotion.fitting import FINEST, TOLERANCE, Fit, default_levels, fit, run_level, whole
 from mjmotion.footsteps.ankles import relax_ankles
+from mjmotion.footsteps.bow import bow
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.obstacles import ObstacleClearance
 from mjmotion.footsteps.plan import Plan, make_plan, shifted, with_free_footholds
@@ -307,10 +308,12 @@ def _duck(
     the frames around them, which full constraints at every frame would forbid. A motion that is
     nowhere too near is returned as it is.
     """
-    qpos, nframe = motion.qpos, motion.nframe
+    nframe = motion.nframe
     frames = np.arange(nframe)
-    if len(clearance(qpos, frames).frame) == 0:
+    if len(clearance(motion.qpos, frames).frame) == 0:
         return motion
+    motion = bow(motion, clearance.at_margin(DUCK_MARGIN).overhead())
+    qpos = motion.qpos
     levels = list(default_levels(motion.fps) if levels is None else levels)
     coarse = levels[: max(1, len(levels) - 2)]
     targets = lay_out(constraints, motion.model, nframe).over_all_frames(nframe)

@@ -67,6 +67,11 @@ class Obstacle:
     span: tuple[float, float]
 
     @property
+    def overhead(self) -> bool:
+        """Whether it is passed under, never over: it is drawn out upwards too."""
+        return self.tall and len(self.drawn) > 2 * len(self.points)
+
+    @property
     def tall(self) -> bool:
         """Whether it cannot be stepped over."""
         return bool(self.along.any())
@@ -176,6 +181,7 @@ class ObstacleClearance:
         self.obstacles = tuple(obstacles)
         self.margin = margin
         self._tall = np.array([obstacle.tall for obstacle in obstacles], dtype=bool)
+        self._counts = np.ones(len(obstacles), dtype=bool)
         self._along = np.array([obstacle.along for obstacle in obstacles]).reshape(-1, 3)
         self._span = np.array([obstacle.span for obstacle in obstacles]).reshape(-1, 2)
         spec = character.spec.copy()
@@ -218,6 +224,12 @@ class ObstacleClearance:
         wider = copy.copy(self)
         wider.margin = margin
         return wider
+
+    def overhead(self) -> ObstacleClearance:
+        """Return the same of those obstacles alone that are passed under."""
+        some = copy.copy(self)
+        some._counts = np.array([obstacle.overhead for obstacle in self.obstacles], dtype=bool)
+        return some
 
     def __call__(self, qpos: Array, frames: NDArray[np.int64]) -> Inequalities:
         """Return what poses (n, nq) lack of the margin; ``frames`` says nothing more here."""
@@ -284,6 +296,7 @@ class ObstacleClearance:
         frame, geom, wall = np.nonzero(np.einsum("fgoi,fgoi->fgo", gap, gap) < bound * bound)
         passed = np.einsum("mi,mi->m", geom_xpos[frame, self._geoms[geom]], self._along[wall])
         level = (passed > self._span[wall, 0]) & (passed < self._span[wall, 1])
+        level &= self._counts[wall]
         return frame[level], self._geoms[geom[level]], wall[level]
 
     def _distances(
