@@ -34,9 +34,12 @@ from mjmotion.constraints.unmet import find_unmet
 from mjmotion.exceptions import SceneError, frame_list
 from mjmotion.fitting import FINEST, TOLERANCE, Fit, default_levels, fit, run_level, whole
 from mjmotion.footsteps.ankles import relax_ankles
+from mjmotion.footsteps.clearances import BodyClearances, Clearances, pushed_clear
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.obstacles import ObstacleClearance
 from mjmotion.footsteps.plan import Plan, make_plan, shifted, with_free_footholds
+from mjmotion.footsteps.self_clearance import SelfClearance
+from mjmotion.footsteps.surfaces import SurfaceClearance, find_surfaces
 from mjmotion.ik import IKSolver, NumericIK, Solution, make_solver
 from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.bspline import fit_level
@@ -167,6 +170,7 @@ def fit_plan(
         progress=settings.progress,
     )
     plan, result = _with_relaxed_ankles(plan, result, near, solver, clearance)
+    result = _kept_clear(plan, result, near, clearance, composed, settings, solver)
     if clearance is not None:
         _check_passage(clearance, result)
     # Against what was asked for, not what was brought within reach; free targets where they went.
@@ -210,6 +214,43 @@ def _with_relaxed_ankles(
         trace = whole((result.trace, again.trace))
         result = dataclasses.replace(again, trace=trace)
     return plan, result
+
+
+def _kept_clear(
+    plan: Plan,
+    result: Fit,
+    near: Sequence[Constraint],
+    obstacles: ObstacleClearance | None,
+    composed: Character,
+    settings: FitSettings,
+    solver: IKSolver,
+) -> Fit:
+    """Fit again what came into the ground or into itself; most motions come into neither."""
+    began = time.perf_counter()
+    source, nframe = plan.source, plan.source.nframe
+    resting = {int(source.model.site(c.site).bodyid[0]) for c in plan.contacts}
+    surfaces = find_surfaces(composed.model, result.motion.qpos[:, :3])
+    kinematics = Kinematics(source.model, nframe, geoms=True)
+    itself = SelfClearance(source, kinematics)
+    ground = SurfaceClearance(source.character, surfaces, resting)
+    inside = BodyClearances(kinematics, (itself.at_margin(0.0), ground.at_margin(0.0)))
+    if len(inside(result.motion.qpos, np.arange(nframe)).frame) == 0:
+        return _taking(result, began)
+    body = BodyClearances(kinematics, (itself, ground))
+    keep = body if obstacles is None else Clearances((obstacles, body))
+    constraints = [*plan.constraints(), *near]
+    levels = list(default_levels(source.fps) if settings.levels is None else settings.levels)
+    pushed = pushed_clear(result.motion, constraints, keep, levels[len(levels) // 2 :])
+    looked = _taking(result, began)
+    again = fit(pushed, constraints, levels=levels, ik=solver, clearance=keep, first_guess=False)
+    return dataclasses.replace(again, trace=whole((looked.trace, again.trace)))
+
+
+def _taking(result: Fit, began: float) -> Fit:
+    """Return a fit that took the time since ``began`` longer."""
+    trace = result.trace
+    seconds = trace.fit_seconds + time.perf_counter() - began
+    return dataclasses.replace(result, trace=dataclasses.replace(trace, fit_seconds=seconds))
 
 
 def _moved_near(constraints: Sequence[Constraint], motion: Motion) -> list[Constraint]:
