@@ -10,7 +10,7 @@ import pytest
 
 from mjmotion.body.assets import find_asset
 from mjmotion.body.character import Character
-from mjmotion.body.kinematics import Kinematics, Pose, site_id
+from mjmotion.body.kinematics import Kinematics, Pose, character_geoms, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.clips.gait import BUILTIN, SPEED, STRIDE, TURNING, WALK, Segment, make_walk
@@ -305,3 +305,27 @@ def test_other_models_are_told_what_is_missing() -> None:
 def test_senseless_walks_are_refused(options: dict, says: str, model: mujoco.MjModel) -> None:
     with pytest.raises(ClipError, match=says):
         make_walk(model, **options)
+
+
+@pytest.mark.parametrize("name", ["walk", "start", "straight", "turn_left", "turn_right", "stop"])
+def test_no_leg_passes_through_the_other(name: str) -> None:
+    """In turns the straight way of a foot would cut through the one that stands."""
+    motion = load_clip(name)
+    model, data = motion.model, mujoco.MjData(motion.model)
+    legs = [
+        [
+            geom
+            for geom in character_geoms(model, colliding=True)
+            if model.body(model.geom_bodyid[geom]).name.startswith(side)
+            and model.body(model.geom_bodyid[geom]).name.endswith(("thigh", "shank", "foot"))
+        ]
+        for side in ("left", "right")
+    ]
+    least = 1.0
+    for qpos in motion.qpos:
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        for left in legs[0]:
+            for right in legs[1]:
+                least = min(least, mujoco.mj_geomDistance(model, data, left, right, 0.1, None))
+    assert least > -1e-3

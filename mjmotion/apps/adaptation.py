@@ -10,13 +10,18 @@ the solids near the way. Constraints of the user's own are added to those.
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.apps.clearing import (
+    FitSettings,
+    check_passage,
+    off_ground_and_itself,
+    past_obstacles,
+)
 from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics, site_id, site_positions
 from mjmotion.body.motion import Motion
@@ -31,45 +36,22 @@ from mjmotion.constraints import (
 )
 from mjmotion.constraints.shared_targets import with_moves
 from mjmotion.constraints.unmet import find_unmet
-from mjmotion.exceptions import SceneError, frame_list
-from mjmotion.fitting import FINEST, TOLERANCE, Fit, default_levels, fit, run_level, whole
+from mjmotion.fitting import FINEST, TOLERANCE, Fit, fit, whole
 from mjmotion.footsteps.ankles import relax_ankles
-from mjmotion.footsteps.bow import bow
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.obstacles import ObstacleClearance
 from mjmotion.footsteps.plan import Plan, make_plan, shifted, with_free_footholds
-from mjmotion.ik import IKSolver, NumericIK, Solution, make_solver
+from mjmotion.ik import IKSolver, make_solver
 from mjmotion.ik.solver import default_rigidity
-from mjmotion.numerics.bspline import fit_level
 from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.output.result import Result
 from mjmotion.scene import Scene, SceneLike, compose, without_scene
 
 Array = NDArray[np.float64]
 
-DUCK_MARGIN = 0.05  # distance kept while the way through is found, more than in the end [m]
 ROOT_STIFFNESS = 15.0  # how much stiffer the root is than elsewhere: its path is planned
 LEAN = 0.25  # how far beyond a limb's reach the body may lean for a target [m]
 RELAX_ROUNDS = 2  # times that the fitted motion is asked whether its ankles can follow
-DUCK_ROUNDS = 6  # at most, with the finest of the knots that serve to find the way
-STUCK = 0.02  # deeper than this in an obstacle after all, and the way is barred [m]
-
-
-@dataclasses.dataclass(frozen=True)
-class FitSettings:
-    """How a plan is fitted: what every application takes, and hands on.
-
-    Attributes:
-      levels: frames a knot of each level, coarse to fine; by the motion's rate without.
-      tolerance: refinement stops once no constraint is off by more [m].
-      ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
-      progress: called with stage, done, of.
-    """
-
-    levels: Sequence[float] | None = None
-    tolerance: float = TOLERANCE
-    ik: str | IKSolver = "hybrid"
-    progress: Progress = no_progress
 
 
 def adapt(  # more than eight parameters: all but the first two have a default
@@ -162,10 +144,11 @@ def fit_plan(
     clearance = None
     if plan.obstacles:
         clearance = ObstacleClearance(character, plan.obstacles, nframe)
-        result = _kept_clear(result, asked_for, clearance, solver, settings)
+        result = past_obstacles(result, asked_for, clearance, solver, settings)
     plan, result = _with_relaxed_ankles(plan, result, near, solver, clearance)
+    result = off_ground_and_itself(plan, result, near, clearance, composed, settings, solver)
     if clearance is not None:
-        _check_passage(clearance, result)
+        check_passage(clearance, result)
     # Against what was asked for, not what was brought within reach; free targets where they went.
     wanted = [*plan.constraints(), *with_moves(asked, result.moves)]
     targets = lay_out(wanted, character.model, nframe)
@@ -176,36 +159,6 @@ def fit_plan(
         result.trace,
         find_unmet(result.motion, targets, wanted),
     )
-
-
-def _kept_clear(
-    result: Fit,
-    constraints: Sequence[Constraint],
-    clearance: ObstacleClearance,
-    solver: IKSolver,
-    settings: FitSettings,
-) -> Fit:
-    """Fit again where the fitted motion comes too near an obstacle: from a way past it."""
-    began = time.perf_counter()
-    settings.progress("clearances", 0, 0)
-    start = _duck(result.motion, constraints, clearance, settings.levels)
-    if start is result.motion:
-        return result
-    settings.progress("fit", 0, 0)
-    ducked = time.perf_counter() - began
-    again = fit(
-        start,
-        constraints,
-        levels=settings.levels,
-        tolerance=settings.tolerance,
-        ik=solver,
-        clearance=clearance,
-        first_guess=False,
-        progress=settings.progress,
-    )
-    trace = whole((result.trace, again.trace))
-    trace = dataclasses.replace(trace, fit_seconds=ducked + trace.fit_seconds)
-    return dataclasses.replace(again, trace=trace)
 
 
 def _with_relaxed_ankles(
@@ -294,53 +247,3 @@ def stiff_root(character: Character) -> Array:
     rigidity = default_rigidity(character.model)
     rigidity[:6] *= ROOT_STIFFNESS
     return rigidity
-
-
-def _duck(
-    motion: Motion,
-    constraints: Sequence[Constraint],
-    clearance: ObstacleClearance,
-    levels: Sequence[float] | None,
-) -> Motion:
-    """Find the way past obstacles first, with knots so wide that it begins and ends in good time.
-
-    Only frames that come too near an obstacle take part, so the displacement spreads smoothly to
-    the frames around them, which full constraints at every frame would forbid. A motion that is
-    nowhere too near is returned as it is.
-    """
-    nframe = motion.nframe
-    frames = np.arange(nframe)
-    if len(clearance(motion.qpos, frames).frame) == 0:
-        return motion
-    motion = bow(motion, clearance.at_margin(DUCK_MARGIN).overhead())
-    qpos = motion.qpos
-    levels = list(default_levels(motion.fps) if levels is None else levels)
-    coarse = levels[: max(1, len(levels) - 2)]
-    targets = lay_out(constraints, motion.model, nframe).over_all_frames(nframe)
-    solver = NumericIK(motion.character, iterations=1)  # the rounds are its iterations
-    wider = clearance.at_margin(DUCK_MARGIN)
-    for frames_per_knot in coarse + DUCK_ROUNDS * coarse[-1:]:
-        near = np.unique(wider(qpos, frames).frame)
-        if len(near) == 0:
-            break
-
-        def spline(
-            solution: Solution, at: NDArray[np.int64] = near, knots: float = frames_per_knot
-        ) -> Array:
-            return fit_level(at, solution.displacement, nframe, knots)
-
-        problem = solver.prepare(targets.at(near), wider)
-        qpos = run_level(motion.character, qpos, near, problem.solve, spline).qpos
-    return motion.replace(qpos)
-
-
-def _check_passage(clearance: ObstacleClearance, result: Fit) -> None:
-    depth, frame, names = clearance.inside(result.motion.qpos)
-    if (depth > STUCK).any():
-        frames = np.unique(frame[depth > STUCK])
-        raise SceneError(
-            f"'{names[int(np.argmax(depth))]}' bars the way: a body is {100 * depth.max():.0f} cm"
-            f" inside it after all at frames {frame_list(frames.tolist())}: a doorway is too low or"
-            " too narrow, or stands off the walk's path; widen or move it",
-            frames.tolist(),
-        )

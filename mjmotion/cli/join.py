@@ -61,7 +61,7 @@ def join_clips(
     Returns:
       The exit code.
     """
-    from mjmotion.apps.adaptation import FitSettings
+    from mjmotion.apps.clearing import FitSettings
     from mjmotion.apps.transition import blend_clips, keep_contacts
     from mjmotion.cli.run import prepare, tell, write
     from mjmotion.cli.terminal import Bar, say, warn

@@ -33,6 +33,7 @@ _CARRY = 0.3  # share of its acceleration that a foot keeps over toe-off: it is 
 _TAKE_OFF, _TOUCH = 0.2, 0.15  # speeds at which toes leave and heels come down [m/cycle]
 _CLEARANCE = 0.014  # of the sole in mid-swing [m]
 _LIFT_AT = np.linspace(0.2, 0.75, 23)  # where in the swing that is looked at
+_APART = 0.112  # between the middle lines of a foot that swings by and one that stands [m]
 _SAMPLES = 96  # of a swing's shape
 _BLEND = (0.40, 0.30)  # shares of a swing in which it takes leave of the old stance, joins the new
 
@@ -118,9 +119,14 @@ def stance(
 
 
 def foot_motion(
-    steps: Steps, psi: Array, shape: FootShape, swing: Swing, roll: Roll = WALKING
+    steps: Steps,
+    psi: Array,
+    shape: FootShape,
+    swing: Swing,
+    roll: Roll = WALKING,
+    other: Steps | None = None,
 ) -> Array:
-    """Return the foot (n, 5) at phases (n,), as :func:`stance` does."""
+    """Return the foot (n, 5) at phases (n,), as :func:`stance` does; it swings past the other's."""
     index = np.clip(np.searchsorted(steps.strike, psi, side="right") - 1, 0, None)
     result = stance(steps, index, psi, shape, roll)
     leaves = steps.strike + toe_off(steps, roll)
@@ -136,9 +142,12 @@ def foot_motion(
     leave[1][:, 2] += _TAKE_OFF * span[:, 0]
     join[1][:, 2] -= _TOUCH * span[:, 0]
     path = swing.between(leave, join)
-    lift = _lift(path, here, shape, roll.clearance)
+    on_way = [path(np.full(len(u), at)) for at in _LIFT_AT]
     result[flying] = path(u)
-    result[flying, 2] += lift * _hump(u)
+    result[flying, 2] += _lift(on_way, shape, roll.clearance) * _hump(u)
+    if other is not None:
+        aside = _aside(on_way, 0.5 * (begin + end), shape, other)
+        result[flying, :2] += _hump(u)[:, None] * aside
     return result
 
 
@@ -151,8 +160,8 @@ def both_feet(
 ) -> tuple[Array, Array]:
     """Return ankles (n, 2, 3) [m] and orientations (n, 2, 4) of both feet at phases (n,)."""
     positions, quats = [], []
-    for stances, shape in zip(steps, shapes, strict=True):
-        foot = foot_motion(stances, psi, shape, swing, roll)
+    for stances, shape, other in zip(steps, shapes, reversed(steps), strict=True):
+        foot = foot_motion(stances, psi, shape, swing, roll, other)
         zero = np.zeros_like(psi)
         pitch = exp(np.column_stack((zero, foot[:, 3], zero)))
         positions.append(foot[:, :3])
@@ -165,24 +174,49 @@ def _hump(u: Array) -> Array:
     return (4.0 * u * (1.0 - u)) ** 3
 
 
-def _lift(
-    path: Callable[[Array], Array], step: NDArray[np.int64], shape: FootShape, clearance: float
-) -> Array:
+def _lift(on_way: Sequence[Array], shape: FootShape, clearance: float) -> Array:
     """Return how much higher (n,) swings must go for heel and toe to clear the ground [m].
 
     Args:
-      path: the swings, for each of n frames.
-      step: (n,) which swing a frame is of; frames of one swing come out the same.
+      on_way: the foot (n, 5) at each of :data:`_LIFT_AT`, in the swings of n frames; frames of one
+        swing come out the same.
       shape: the foot.
       clearance: wanted [m].
     """
-    most = np.zeros(len(step))
-    for u in _LIFT_AT:
-        foot = path(np.full(len(step), u))
+    most = np.zeros(len(on_way[0]))
+    for u, foot in zip(_LIFT_AT, on_way, strict=True):
         for x, z in (shape.heel, shape.toe):
             height = foot[:, 2] + z * np.cos(foot[:, 3]) - x * np.sin(foot[:, 3])
             most = np.maximum(most, (clearance - height) / _hump(u))
     return most
+
+
+def _aside(on_way: Sequence[Array], middle: Array, shape: FootShape, other: Steps) -> Array:
+    """Return how far (n, 2) swings must go aside to pass a standing foot [m]: in turns they cut in.
+
+    Args:
+      on_way: the foot, as :func:`_lift` has it.
+      middle: (n,) the phases at which the swings are half over: the other foot stands.
+      shape: of either foot.
+      other: the stances of the other foot.
+    """
+    stand = np.clip(np.searchsorted(other.strike, middle, side="right") - 1, 0, None)
+    yaw = other.yaw[stand]
+    out = np.column_stack((-np.sin(yaw), np.cos(yaw)))
+    ahead = np.column_stack((np.cos(yaw), np.sin(yaw)))
+    half = on_way[len(on_way) // 2][:, :2] - other.position[stand]
+    side = np.sign(np.sum(half * out, axis=1))
+    heel, toe = shape.heel[0], shape.toe[0]
+    most = np.zeros(len(middle))
+    for u, foot in zip(_LIFT_AT, on_way, strict=True):
+        along = np.column_stack((np.cos(foot[:, 4]), np.sin(foot[:, 4])))
+        for part in (heel, 0.5 * (heel + toe), toe):
+            place = foot[:, :2] + part * along - other.position[stand]
+            apart = side * np.sum(place * out, axis=1)
+            where = np.sum(place * ahead, axis=1)
+            beside = (where > heel) & (where < toe)
+            most = np.where(beside, np.maximum(most, (_APART - apart) / _hump(u)), most)
+    return np.asarray((most * side)[:, None] * out)
 
 
 def _state(

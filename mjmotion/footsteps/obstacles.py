@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import mujoco
 import numpy as np
@@ -23,6 +23,7 @@ from mjmotion.body.character import Character
 from mjmotion.body.geom_points import geom_points
 from mjmotion.body.kinematics import Kinematics, Pose, character_geoms
 from mjmotion.footsteps.footholds import Foothold
+from mjmotion.footsteps.mesh_pieces import fills_hull, mesh_pieces
 from mjmotion.ik.solver import Inequalities
 
 Array = NDArray[np.float64]
@@ -44,8 +45,6 @@ _CONVEX = (
     mujoco.mjtGeom.mjGEOM_BOX,
     mujoco.mjtGeom.mjGEOM_MESH,
 )
-_HOLLOW = 1e-3  # a convex mesh has no triangle that is further inside its hull [m]
-_COVERED = 0.99  # of its hull's area that a convex mesh has at least
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,27 +94,11 @@ def _fills_hull(model: mujoco.MjModel, geom: int) -> bool:
     """Whether a geom is its own convex hull: any but a mesh with pits, passages or open sides."""
     if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
         return True
-    from scipy.spatial import ConvexHull, QhullError
-
     mesh = model.geom_dataid[geom]
     start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
     vertices = np.asarray(model.mesh_vert[start : start + count], dtype=np.float64)
     start, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    corners = vertices[model.mesh_face[start : start + count]]
-    try:
-        hull = ConvexHull(vertices)
-    except QhullError:  # flat
-        return False
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    if np.linalg.norm(across, axis=1).sum() / 2.0 < _COVERED * hull.area:
-        return False
-    # Triangles are struck off face by face of the hull: what is left at the end is inside it.
-    for face in hull.equations:  # outward normal and offset
-        on_face = (corners @ face[:3] + face[3] >= -_HOLLOW).all(axis=1)
-        corners = corners[~on_face]
-        if len(corners) == 0:
-            return True
-    return False
+    return fills_hull(vertices[model.mesh_face[start : start + count]])
 
 
 def find_obstacles(
@@ -128,15 +111,10 @@ def find_obstacles(
       root_path: (nframe, 3) where the root will pass, about [m].
       footholds: what it will stand on.
     """
-    geoms = convex_obstacles(scene)
-    data = mujoco.MjData(scene)
-    mujoco.mj_kinematics(scene, data)
     found = []
     way = np.gradient(root_path, axis=0) if len(root_path) > 1 else np.ones((1, 3))
     stands = np.array([foothold.position for foothold in footholds]).reshape(-1, 3)
-    for geom in geoms:
-        matrix = data.geom_xmat[geom].reshape(3, 3)
-        surface = geom_points(scene, int(geom)) @ matrix.T + data.geom_xpos[geom]
+    for geom, surface in _convex_shapes(scene, root_path):
         low, high = surface.min(axis=0), surface.max(axis=0)
         gap = np.maximum(0.0, np.maximum(low[:2] - root_path[:, :2], root_path[:, :2] - high[:2]))
         distance = np.hypot(gap[:, 0], gap[:, 1])
@@ -159,6 +137,23 @@ def find_obstacles(
         name = scene.geom(int(geom)).name or f"geom {geom}"
         found.append(Obstacle(name, surface, drawn, direction, span))
     return tuple(found)
+
+
+def _convex_shapes(scene: mujoco.MjModel, root_path: Array) -> Iterator[tuple[int, Array]]:
+    """Yield geoms with points (k, 3) [m] of the convex solids that they are, or are made of."""
+    data = mujoco.MjData(scene)
+    mujoco.mj_kinematics(scene, data)
+    convex = convex_obstacles(scene)
+    solid = (scene.geom_contype != 0) | (scene.geom_conaffinity != 0)
+    hollow = solid & (scene.body_weldid[scene.geom_bodyid] == 0)
+    hollow &= scene.geom_type == mujoco.mjtGeom.mjGEOM_MESH
+    hollow[convex] = False
+    for geom in sorted([*convex.tolist(), *np.flatnonzero(hollow).tolist()]):
+        placed = np.array(data.geom_xpos[geom]), data.geom_xmat[geom].reshape(3, 3)
+        if hollow[geom]:
+            yield from ((geom, p) for p in mesh_pieces(scene, geom, placed, root_path, _NEAR))
+        else:
+            yield geom, geom_points(scene, geom) @ placed[1].T + placed[0]
 
 
 class ObstacleClearance:

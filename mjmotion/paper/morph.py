@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.apps.adaptation import FitSettings, stiff_root
+from mjmotion.apps.adaptation import stiff_root
+from mjmotion.apps.clearing import FitSettings
 from mjmotion.apps.morph import MorphBody, Stride, find_stride, fit_stride
 from mjmotion.body.character import CharacterLike
 from mjmotion.body.motion import Motion

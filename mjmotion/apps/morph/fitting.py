@@ -16,7 +16,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from mjmotion.apps.adaptation import FitSettings, as_clip, stiff_root
+from mjmotion.apps.adaptation import as_clip, stiff_root
+from mjmotion.apps.clearing import FitSettings
 from mjmotion.apps.morph.landing import landed
 from mjmotion.apps.morph.stride import Stride, find_stride
 from mjmotion.body.character import Character, CharacterLike

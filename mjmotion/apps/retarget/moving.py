@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.apps.adaptation import FitSettings, fit_plan
+from mjmotion.apps.adaptation import fit_plan
+from mjmotion.apps.clearing import FitSettings
 from mjmotion.apps.retarget.copying import carry_root, copy_joints, leg_ratio, same_joints
 from mjmotion.apps.retarget.grasps import check_span, held_shift, hold_constraints
 from mjmotion.apps.retarget.reaching import Legs

@@ -15,7 +15,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.apps.adaptation import FitSettings, as_clip, fit_plan
+from mjmotion.apps.adaptation import as_clip, fit_plan
+from mjmotion.apps.clearing import FitSettings
 from mjmotion.apps.transition.blending import blend
 from mjmotion.apps.transition.overlap import (
     Overlap,

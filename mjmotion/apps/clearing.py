@@ -1,0 +1,148 @@
+"""Fitting past what a motion must keep clear of: obstacles, the ground, the body itself.
+
+A motion that is in nothing is returned as it came. One that is in something is pushed out of it
+first, smoothly and with wide knots, and fitted again from there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from mjmotion.body.character import Character
+from mjmotion.body.kinematics import Kinematics
+from mjmotion.body.motion import Motion
+from mjmotion.constraints import Constraint
+from mjmotion.exceptions import SceneError, frame_list
+from mjmotion.fitting import TOLERANCE, Fit, default_levels, fit, whole
+from mjmotion.footsteps.bow import bow
+from mjmotion.footsteps.clearances import BodyClearances, Clearances, pushed_clear
+from mjmotion.footsteps.obstacles import ObstacleClearance
+from mjmotion.footsteps.plan import Plan
+from mjmotion.footsteps.self_clearance import SelfClearance
+from mjmotion.footsteps.surfaces import SurfaceClearance, find_surfaces
+from mjmotion.ik import IKSolver
+from mjmotion.numerics.progress import Progress, no_progress
+
+DUCK_MARGIN = 0.05  # distance kept while the way through is found, more than in the end [m]
+DUCK_ROUNDS = 6  # at most, with the finest of the knots that serve to find the way
+STUCK = 0.02  # deeper than this in an obstacle after all, and the way is barred [m]
+
+
+@dataclasses.dataclass(frozen=True)
+class FitSettings:
+    """How a plan is fitted: what every application takes, and hands on.
+
+    Attributes:
+      levels: frames a knot of each level, coarse to fine; by the motion's rate without.
+      tolerance: refinement stops once no constraint is off by more [m].
+      ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
+      progress: called with stage, done, of.
+    """
+
+    levels: Sequence[float] | None = None
+    tolerance: float = TOLERANCE
+    ik: str | IKSolver = "hybrid"
+    progress: Progress = no_progress
+
+
+def past_obstacles(
+    result: Fit,
+    constraints: Sequence[Constraint],
+    clearance: ObstacleClearance,
+    solver: IKSolver,
+    settings: FitSettings,
+) -> Fit:
+    """Fit again where the fitted motion comes too near an obstacle: from a way past it."""
+    began = time.perf_counter()
+    settings.progress("clearances", 0, 0)
+    start = _duck(result.motion, constraints, clearance, settings.levels)
+    if start is result.motion:
+        return result
+    settings.progress("fit", 0, 0)
+    ducked = time.perf_counter() - began
+    again = fit(
+        start,
+        constraints,
+        levels=settings.levels,
+        tolerance=settings.tolerance,
+        ik=solver,
+        clearance=clearance,
+        first_guess=False,
+        progress=settings.progress,
+    )
+    trace = whole((result.trace, again.trace))
+    trace = dataclasses.replace(trace, fit_seconds=ducked + trace.fit_seconds)
+    return dataclasses.replace(again, trace=trace)
+
+
+def _duck(
+    motion: Motion,
+    constraints: Sequence[Constraint],
+    clearance: ObstacleClearance,
+    levels: Sequence[float] | None,
+) -> Motion:
+    """Find the way past obstacles first, with knots so wide that it begins and ends in good time.
+
+    A motion that is nowhere too near is returned as it is.
+    """
+    if len(clearance(motion.qpos, np.arange(motion.nframe)).frame) == 0:
+        return motion
+    wider = clearance.at_margin(DUCK_MARGIN)
+    levels = list(default_levels(motion.fps) if levels is None else levels)
+    coarse = levels[: max(1, len(levels) - 2)]
+    bowed = bow(motion, wider.overhead())
+    return pushed_clear(bowed, constraints, wider, coarse + DUCK_ROUNDS * coarse[-1:], rounds=1)
+
+
+def check_passage(clearance: ObstacleClearance, result: Fit) -> None:
+    """Raise an error where a body is still well inside an obstacle."""
+    depth, frame, names = clearance.inside(result.motion.qpos)
+    if (depth > STUCK).any():
+        frames = np.unique(frame[depth > STUCK])
+        raise SceneError(
+            f"'{names[int(np.argmax(depth))]}' bars the way: a body is {100 * depth.max():.0f} cm"
+            f" inside it after all at frames {frame_list(frames.tolist())}: a doorway is too low or"
+            " too narrow, or stands off the walk's path; widen or move it",
+            frames.tolist(),
+        )
+
+
+def off_ground_and_itself(
+    plan: Plan,
+    result: Fit,
+    near: Sequence[Constraint],
+    obstacles: ObstacleClearance | None,
+    composed: Character,
+    settings: FitSettings,
+    solver: IKSolver,
+) -> Fit:
+    """Fit again what came into the ground or into itself; most motions come into neither."""
+    began = time.perf_counter()
+    source, nframe = plan.source, plan.source.nframe
+    resting = {int(source.model.site(c.site).bodyid[0]) for c in plan.contacts}
+    surfaces = find_surfaces(composed.model, result.motion.qpos[:, :3])
+    kinematics = Kinematics(source.model, nframe, geoms=True)
+    itself = SelfClearance(source, kinematics)
+    ground = SurfaceClearance(source.character, surfaces, resting)
+    inside = BodyClearances(kinematics, (itself.at_margin(0.0), ground.at_margin(0.0)))
+    if len(inside(result.motion.qpos, np.arange(nframe)).frame) == 0:
+        return _taking(result, began)
+    body = BodyClearances(kinematics, (itself, ground))
+    keep = body if obstacles is None else Clearances((obstacles, body))
+    constraints = [*plan.constraints(), *near]
+    levels = list(default_levels(source.fps) if settings.levels is None else settings.levels)
+    pushed = pushed_clear(result.motion, constraints, keep, levels[len(levels) // 2 :])
+    looked = _taking(result, began)
+    again = fit(pushed, constraints, levels=levels, ik=solver, clearance=keep, first_guess=False)
+    return dataclasses.replace(again, trace=whole((looked.trace, again.trace)))
+
+
+def _taking(result: Fit, began: float) -> Fit:
+    """Return a fit that took the time since ``began`` longer."""
+    trace = result.trace
+    seconds = trace.fit_seconds + time.perf_counter() - began
+    return dataclasses.replace(result, trace=dataclasses.replace(trace, fit_seconds=seconds))
