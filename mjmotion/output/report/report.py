@@ -30,7 +30,7 @@ class Report(ReportData):
           poses: pictures of poses in order, RGB arrays (height, width, 3) or PNG files as bytes.
           why_no_poses: what the page says where there are none.
         """
-        from mjmotion.output.report.page import page  # loads matplotlib
+        from mjmotion.output.report.page import page
 
         return page(self, poses, why_no_poses)
 
