@@ -71,7 +71,6 @@ def render_strip(
         motion.model, width, height, fovy=_FOVY, fog=(far + 3.0, far + 20.0)
     )
     model.vis.map.shadowclip = span / 2 + 2.0
-    model.vis.quality.shadowsize = 4096
     _show_field(model, span + 20.0, view.lookat[0])
     marks = ContactMarks.of(motion, () if spread else contacts, body=body)
     stage = Stage(
