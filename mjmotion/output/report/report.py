@@ -71,6 +71,8 @@ def write_report(folder: str | Path, report: Report, strip: Strip | None = None)
         if strip is None:
             picture = render_strip(report.motion, contacts=report.contacts, body=report.body)
         else:
+            import PIL.Image  # noqa: F401  # for the page: loads while the strip is drawn
+
             picture = strip()
     except RenderError as error:
         report.write(folder, why_no_poses=str(error))

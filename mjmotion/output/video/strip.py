@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 _FOVY = 20.0
 _MORPH_SPREAD = 0.5  # between poses of a body that changes [m]
-_NODES = 256  # along a side of a heightfield, at most
+_NODES = 170  # along a side of a heightfield, at most: 0.15 m of our terrain, as in videos
 _SAME_DEPTH = 1e-5  # of the depth buffer's 0…1: the same surface in two pictures
 
 
@@ -71,6 +71,7 @@ def render_strip(
         motion.model, width, height, fovy=_FOVY, fog=(far + 3.0, far + 20.0)
     )
     model.vis.map.shadowclip = span / 2 + 2.0
+    model.vis.quality.shadowsize = 4096  # with less there are specks on the figures
     _show_field(model, span + 20.0, view.lookat[0])
     marks = ContactMarks.of(motion, () if spread else contacts, body=body)
     stage = Stage(
