@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +20,7 @@ sys.path.insert(0, str(ROOT / "scripts"))
 
 import benchmark  # noqa: E402
 import results_page  # noqa: E402
-from benchmarks import levels, mink_ik, quality, speed  # noqa: E402
+from benchmarks import levels, mink_ik, quality, speed, startup  # noqa: E402
 from benchmarks.figures import markdown  # noqa: E402
 
 from mjmotion.apps.adaptation import adapt  # noqa: E402
@@ -203,6 +204,13 @@ def test_mink_reaches_the_feet(short_job: Job) -> None:
     assert speed.foot_error(short_job, theirs) < 1000 * mink_ik.CLOSE
     untouched = speed.foot_error(short_job, short_job.motion)
     assert untouched > 1000 * mink_ik.CLOSE
+
+
+def test_the_whole_command_writes_its_report(tmp_path: Path) -> None:
+    startup.adapt("straight", tmp_path / "out", "flat")
+    assert "<svg" in (tmp_path / "out" / "report.html").read_text("utf-8")
+    with pytest.raises(subprocess.CalledProcessError):
+        startup.adapt("straight", tmp_path / "out", "nowhere")
 
 
 def test_a_miss_is_exit_code_1(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -246,3 +248,13 @@ def test_pictures_are_inside_the_page() -> None:
     assert html.count("<img ") == 2
     assert 'src="data:image/jpeg;base64,' in html and 'src="data:image/png;base64,' in html
     assert "No pictures of poses" not in html
+
+
+def test_the_page_needs_no_plotting_library() -> None:
+    """It is written at the end of every command; matplotlib alone took a second there."""
+    code = (
+        "import sys, mjmotion.output.report.page\n"
+        "assert not {'matplotlib', 'PIL', 'scipy.interpolate'} & set(sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

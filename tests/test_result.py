@@ -5,7 +5,9 @@ from __future__ import annotations
 import base64
 import dataclasses
 import json
+import platform
 import re
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +24,7 @@ from mjmotion.fitting import LevelTrace, Trace
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.output.result import Result
 from mjmotion.scene import compose
-from mjmotion.validation import validate
+from mjmotion.validation import Validation, validate
 
 FRAMES = 24
 STANCE = Contact("left_heel", 2, 9)
@@ -227,6 +229,60 @@ def test_a_damaged_report_is_one_line(
     with pytest.raises(MotionError, match=reason) as caught:
         read_results(out)
     assert "report.json" in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("backend", "aside"), [("egl", True), ("", True), ("glfw", False)])
+def test_the_strip_is_drawn_while_figures_are_measured(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, backend: str, aside: bool
+) -> None:
+    """In a thread, from start to end in one; GLFW wants the main one."""
+    drawing, measured = threading.Event(), threading.Event()
+    where: list[threading.Thread] = []
+
+    def draw(*_: object, **__: object) -> np.ndarray:
+        where.append(threading.current_thread())
+        drawing.set()
+        assert measured.wait(30)
+        return np.zeros((4, 6, 3), np.uint8)
+
+    def measure(self: Result, thresholds: object = None) -> Validation:
+        assert not aside or drawing.wait(30)
+        measured.set()
+        return validate(self.source, self.motion, self.contacts)
+
+    monkeypatch.setenv("MUJOCO_GL", backend)
+    monkeypatch.setattr(platform, "system", lambda: "Linux")
+    monkeypatch.setattr(mjmotion.output.video, "render_strip", draw)
+    monkeypatch.setattr(Result, "validate", measure)
+    result.save(tmp_path / "out")
+    assert len(where) == 1
+    assert (where[0] is not threading.current_thread()) == aside
+    assert "<img " in (tmp_path / "out" / "report.html").read_text("utf-8")
+
+
+def test_what_goes_wrong_beside_the_strip_is_told(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plain_strip: np.ndarray
+) -> None:
+    with pytest.raises(MotionError, match="no_such"):
+        result.save(tmp_path / "out", thresholds={"no_such": 1.0})
+
+    def fail(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("in the strip")
+
+    monkeypatch.setattr(mjmotion.output.video, "render_strip", fail)
+    with pytest.raises(ZeroDivisionError, match="in the strip"):
+        result.save(tmp_path / "out")
+    assert not list(tmp_path.iterdir())
+    assert not [t for t in threading.enumerate() if t.name.startswith("strip of poses")]
+
+
+@pytest.mark.usefixtures("no_gl")
+def test_a_machine_without_opengl_saves_a_report_that_says_so(
+    result: Result, tmp_path: Path
+) -> None:
+    result.save(tmp_path / "out")
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert "no &lt;OpenGL&gt; here" in page and "<img " not in page
 
 
 # --- rendered -------------------------------------------------------------------------------------

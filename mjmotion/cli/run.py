@@ -71,19 +71,11 @@ def write(
     Returns:
       The figures.
     """
-    from mjmotion.output.result import write_results
+    from mjmotion.output.result import measure_and_write
 
-    bar("measuring")
-    validation = result.validate(thresholds)
-    write_results(
-        folder,
-        result,
-        validation,
-        video=not args.no_video,
-        title=title,
-        progress=bar,
+    return measure_and_write(
+        folder, result, thresholds, video=not args.no_video, title=title, progress=bar
     )
-    return validation
 
 
 def tell(

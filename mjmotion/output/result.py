@@ -36,6 +36,7 @@ from mjmotion.scene import save_model
 
 if TYPE_CHECKING:
     from mjmotion.output.report import Report
+    from mjmotion.output.report.poses import Strip
     from mjmotion.validation import Validation
 
 
@@ -146,16 +147,7 @@ class Result:
 
             ensure_gl()  # before all the work
         with result_folder(folder, force) as aside:
-            progress("measuring", 0, 0)
-            validation = self.validate(thresholds)
-            write_results(
-                aside,
-                self,
-                validation,
-                video=video,
-                title=title,
-                progress=progress,
-            )
+            measure_and_write(aside, self, thresholds, video=video, title=title, progress=progress)
         return Path(folder)
 
     def render(self, file: str | Path, *, force: bool = False, **options: Any) -> Path:
@@ -211,6 +203,46 @@ class Result:
         return seconds
 
 
+def measure_and_write(
+    folder: str | Path,
+    result: Result,
+    thresholds: Mapping[str, object] | None = None,
+    *,
+    video: bool = True,
+    title: str | None = None,
+    progress: Progress = no_progress,
+) -> Validation:
+    """Measure a result and write everything of it into a folder that is there.
+
+    The strip of poses is drawn meanwhile.
+
+    Args:
+      folder: as :func:`write_results` takes it, like all that follows.
+      result: what is measured and written.
+      thresholds: changes to the default thresholds, by name.
+      video: whether to render ``video.mp4`` too.
+      title: what the report is called.
+      progress: told of measuring too.
+
+    Returns:
+      The figures.
+
+    Raises:
+      OutputError: a file cannot be written.
+      MotionError: a threshold that does not exist or a value of the wrong kind.
+      RenderError: a video was asked for and there is no offscreen OpenGL.
+    """
+    from mjmotion.output.report import strip_ahead
+
+    progress("measuring", 0, 0)
+    with strip_ahead(result.motion, contacts=result.contacts, body=result.body) as strip:
+        validation = result.validate(thresholds)
+        write_results(
+            folder, result, validation, video=video, title=title, strip=strip, progress=progress
+        )
+    return validation
+
+
 def write_results(
     folder: str | Path,
     result: Result,
@@ -218,6 +250,7 @@ def write_results(
     *,
     video: bool = True,
     title: str | None = None,
+    strip: Strip | None = None,
     progress: Progress = no_progress,
 ) -> None:
     """Write everything of a result into a folder that is there.
@@ -229,6 +262,7 @@ def write_results(
       validation: its figures.
       video: whether to render ``video.mp4`` too.
       title: what the report is called; the result's own title without.
+      strip: returns the strip of poses where it is being drawn already.
       progress: told of the report and of every frame of the video.
 
     Raises:
@@ -240,7 +274,7 @@ def write_results(
     folder = Path(folder)
     progress("report", 0, 0)
     write_motions(folder, result)
-    write_report(folder, result.report(validation, title=title))
+    write_report(folder, result.report(validation, title=title), strip)
     if video:
         result.render(folder / VIDEO, force=True, progress=progress)
 

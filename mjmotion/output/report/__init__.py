@@ -7,7 +7,8 @@ report.write("out/walk")
 
 from __future__ import annotations
 
+from mjmotion.output.report.poses import strip_ahead
 from mjmotion.output.report.report import Report, write_report
 from mjmotion.output.report.summary import summary_html
 
-__all__ = ["Report", "summary_html", "write_report"]
+__all__ = ["Report", "strip_ahead", "summary_html", "write_report"]

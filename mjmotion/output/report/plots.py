@@ -2,36 +2,25 @@
 
 from __future__ import annotations
 
-import io
-import re
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from mjmotion.output.report.chart import UNITS, Panel, Scale, drawing, text_width
 from mjmotion.output.report.data import ReportData
-from mjmotion.output.report.style import axes_style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 # Maximum error after each level on the paper's terrain job, percent of body height.
 PAPER_ERROR_PERCENT = (14.31, 9.24, 3.48, 1.06)
 
-_INK = "#010203"  # stands for the page's own text colour
 _HEEL, _TOE = "#2f7fc1", "#e07b39"
 _ADAPTED, _SOURCE = "#2f7fc1", "#a9adb5"
 _BAD = "#cf4a4a"
-_STYLE: dict[str, Any] = {
-    **axes_style(_INK),
-    "svg.fonttype": "none",
-    "font.family": "sans-serif",
-    "figure.facecolor": "none",
-    "axes.facecolor": "none",
-    "savefig.facecolor": "none",
-    "lines.linewidth": 1.4,
-}
+_PALETTE = (_HEEL, _TOE, "#5a9e6f", "#9b6bb5", "#c2a83e", "#4fb0ae")
+
+_WIDE, _HALF = 10.4, 5.6  # of a drawing [inch]
+_LEFT, _RIGHT, _ABOVE, _BELOW = 52.0, 8.0, 24.0, 38.0  # around the axes [units of a drawing]
+_SMALLEST = 1e-4  # percent: below this a bar would only show rounding
+_LEAST_AXIS = 1.0  # of penetration, so that rounding does not fill the plot [mm]
 
 
 def foot_heights(report: ReportData) -> str:
@@ -45,30 +34,28 @@ def foot_heights(report: ReportData) -> str:
     if not feet:
         return ""
     time = np.arange(figures.nframe) / figures.fps
-
-    def draw(figure: Figure) -> None:
-        rows = figure.subplots(len(feet), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-        for axes, (foot, names) in zip(rows, feet.items(), strict=True):
-            for colour, site in zip((_HEEL, _TOE, "#5a9e6f", "#9b6bb5"), names, strict=False):
-                held = figures.per_frame[f"contact/{site}"]
-                axes.plot(time, figures.per_frame[f"height_m/{site}"], color=colour, label=site)
-                axes.plot(
-                    time,
-                    figures.per_frame[f"ground_m/{site}"],
-                    color=colour,
-                    linestyle=(0, (2, 2)),
-                    linewidth=1.0,
-                    label=f"ground under {site}",
-                )
-                for start, end in _runs(held):
-                    axes.axvspan(time[start], time[end - 1], color=colour, alpha=0.13, linewidth=0)
-            axes.set_ylabel("height [m]")
-            axes.set_title(foot.replace("_", " "), loc="left", fontsize=10)
-            axes.legend(ncols=4, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 0.98))
-            axes.margins(x=0.005)
-        rows[-1].set_xlabel("time [s]")
-
-    return _svg(draw, (10.4, 2.3 * len(feet) + 0.4), "feet")
+    lines = [figures.per_frame[f"{kind}/{s}"] for s in sites for kind in ("height_m", "ground_m")]
+    across, up = Scale.around(time, 0.005), Scale.around(np.array(lines))
+    height = 2.3 * len(feet) + 0.4
+    each = (UNITS * height - _BELOW) / len(feet)
+    panels = []
+    for row, (foot, names) in enumerate(feet.items()):
+        panel = Panel(
+            across.within(_LEFT, UNITS * _WIDE - _RIGHT),
+            up.within((row + 1) * each - 4.0, row * each + _ABOVE),
+        )
+        for colour, site in zip(_PALETTE, names, strict=False):
+            for start, end in _runs(figures.per_frame[f"contact/{site}"]):
+                panel.band(time[start], time[end - 1], colour, 0.13)
+            panel.line(time, figures.per_frame[f"height_m/{site}"], colour, site)
+            ground = figures.per_frame[f"ground_m/{site}"]
+            panel.line(time, ground, colour, f"ground under {site}", width=1.0, dash="2 2")
+        panel.number_axis_y("height [m]")
+        panel.number_axis_x("time [s]" if row == len(feet) - 1 else "")
+        panel.title(foot.replace("_", " "))
+        panel.legend(right=True, size=8.0)
+        panels.append(panel)
+    return drawing(panels, _WIDE, height)
 
 
 def residuals(report: ReportData) -> str:
@@ -80,50 +67,36 @@ def residuals(report: ReportData) -> str:
     if report.exact_error_percent is not None:
         names.append("exact pass")
         errors.append(float(report.exact_error_percent))
-    smallest = 1e-4  # percent: below this a bar would only show rounding
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        place = np.arange(len(names))
-        shown = np.maximum(errors, smallest)
-        bars = axes.bar(place, shown, width=0.55, color=_ADAPTED, label="this fit", bottom=0)
-        for bar, error in zip(bars, errors, strict=True):
-            text = f"{error:.2g}" if error >= smallest else f"under {smallest:g}"
-            middle = bar.get_x() + bar.get_width() / 2
-            inside = error >= 10 * smallest  # out of the way of the paper's line
-            axes.annotate(
-                text,
-                (middle, max(error, smallest)),
-                xytext=(0, -14 if inside else 3),
-                textcoords="offset points",
-                ha="center",
-                fontsize=9,
-                color="white" if inside else _INK,
-            )
-        # The paper's levels are 16, 8, 4 and 2 frames a knot: only those are next to each other.
-        paper = [
-            (i, PAPER_ERROR_PERCENT[k])
-            for k, knots in enumerate((16.0, 8.0, 4.0, 2.0))
-            for i, level in enumerate(report.levels)
-            if float(level["frames_per_knot"]) == knots
-        ]
-        if paper:
-            axes.plot(
-                *zip(*paper, strict=True),
-                color=_TOE,
-                marker="o",
-                markersize=5,
-                label="Lee and Shin 1999, their terrain job",
-            )
-        axes.set_yscale("log")
-        axes.set_ylim(smallest / 2, max([*shown, 20.0]) * 2)
-        axes.set_xticks(place, names)
-        axes.grid(False, axis="x")
-        axes.set_xlabel("frames a knot")
-        axes.set_ylabel("greatest error [% of height]")
-        axes.legend(fontsize=9, loc="lower left", bbox_to_anchor=(0, 0.98), ncols=2)
-
-    return _svg(draw, (5.6, 3.2), "levels")
+    place = np.arange(len(names))
+    shown = np.maximum(errors, _SMALLEST)
+    width, height = _HALF, 3.2
+    low = _SMALLEST / 2
+    panel = Panel(
+        Scale(-0.5, len(names) - 0.5).within(_LEFT, UNITS * width - _RIGHT),
+        Scale(low, max([*shown, 20.0]) * 2, log=True).within(UNITS * height - _BELOW, _ABOVE),
+    )
+    sides = np.column_stack((place - 0.275, place + 0.275))
+    panel.boxes(sides, [(low, value) for value in shown], _ADAPTED, "this fit")
+    # The paper's levels are 16, 8, 4 and 2 frames a knot: only those are next to each other.
+    paper = [
+        (i, PAPER_ERROR_PERCENT[k])
+        for k, knots in enumerate((16.0, 8.0, 4.0, 2.0))
+        for i, level in enumerate(report.levels)
+        if float(level["frames_per_knot"]) == knots
+    ]
+    if paper:
+        label = "Lee and Shin 1999, their terrain job"
+        levels, percent = np.array(paper).T
+        panel.line(levels, percent, _TOE, label, dots=5.0)
+    for middle, top, error in zip(panel.x(place), panel.y(shown), errors, strict=True):
+        text = f"{error:.2g}" if error >= _SMALLEST else f"under {_SMALLEST:g}"
+        inside = error >= 10 * _SMALLEST  # out of the way of the paper's line
+        colour = "white" if inside else ""
+        panel.note(text, middle, top + (13.0 if inside else -3.0), colour, anchor="middle")
+    panel.axis_x([(float(i), name) for i, name in enumerate(names)], "frames a knot", grid=False)
+    panel.number_axis_y("greatest error [% of height]")
+    panel.legend()
+    return drawing([panel], width, height)
 
 
 def drifts(report: ReportData) -> str:
@@ -132,63 +105,44 @@ def drifts(report: ReportData) -> str:
     if not entries:
         return ""
     limit = report.validation.thresholds.get("stance_drift_mm")
+    limit = limit if isinstance(limit, float) else None
     fps = report.validation.fps
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        sites = sorted({entry["site"] for entry in entries})
-        palette = (_HEEL, _TOE, "#5a9e6f", "#9b6bb5", "#c2a83e", "#4fb0ae")
-        for i, site in enumerate(sites):
-            mine = [entry for entry in entries if entry["site"] == site]
-            span = [(entry["end"] - entry["start"]) / fps for entry in mine]
-            axes.bar(
-                [entry["start"] / fps for entry in mine],
-                [entry["drift_mm"] for entry in mine],
-                width=span,
-                align="edge",
-                color=palette[i % len(palette)],
-                alpha=0.55,
-                label=site,
-            )
-        if isinstance(limit, float):
-            axes.axhline(limit, color=_BAD, linewidth=1.0, linestyle=(0, (4, 3)))
-            axes.annotate(
-                f"threshold {limit:g} mm",
-                (1.0, limit),
-                xycoords=("axes fraction", "data"),
-                xytext=(0, 3),
-                textcoords="offset points",
-                ha="right",
-                fontsize=9,
-                color=_BAD,
-            )
-        axes.set_xlabel("time [s]")
-        axes.set_ylabel("drift [mm]")
-        axes.margins(x=0.005)
-        axes.legend(fontsize=9, ncols=4, loc="lower left", bbox_to_anchor=(0, 0.98))
-
-    return _svg(draw, (10.4, 2.6), "drift")
+    spans = [(entry["start"] / fps, entry["end"] / fps) for entry in entries]
+    drift = [float(entry["drift_mm"]) for entry in entries]
+    panel = _time_panel(
+        Scale.around(spans, 0.005),
+        np.array([*drift, 0.0 if limit is None else limit]),
+        2.6,
+        "drift [mm]",
+    )
+    for i, site in enumerate(sorted({entry["site"] for entry in entries})):
+        mine = [k for k, entry in enumerate(entries) if entry["site"] == site]
+        panel.boxes(
+            [spans[k] for k in mine],
+            [(0.0, drift[k]) for k in mine],
+            _PALETTE[i % len(_PALETTE)],
+            site,
+            opacity=0.55,
+        )
+    if limit is not None:
+        panel.line([panel.x.low, panel.x.high], [limit] * 2, _BAD, width=1.0, dash="4 3")
+        panel.note(f"threshold {limit:g} mm", panel.x.end, float(panel.y(limit)) - 3.0, _BAD)
+    panel.legend()
+    return drawing([panel], _WIDE, 2.6)
 
 
 def penetrations(report: ReportData) -> str:
     """Plot how deep feet and other bodies are in the scene over time."""
     figures = report.validation
     time = np.arange(figures.nframe) / figures.fps
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        for colour, name, label in (
-            (_ADAPTED, "sole_penetration_mm", "soles"),
-            (_BAD, "obstacle_penetration_mm", "all other bodies"),
-        ):
-            axes.plot(time, figures.per_frame[name], color=colour, label=label)
-        axes.set_xlabel("time [s]")
-        axes.set_ylabel("penetration [mm]")
-        axes.set_ylim(bottom=0, top=max(axes.get_ylim()[1], 1.0))
-        axes.margins(x=0.005)
-        axes.legend(fontsize=9, ncols=2, loc="lower left", bbox_to_anchor=(0, 0.98))
-
-    return _svg(draw, (10.4, 2.2), "penetration")
+    soles = figures.per_frame["sole_penetration_mm"]
+    bodies = figures.per_frame["obstacle_penetration_mm"]
+    deep = np.array([*soles, *bodies, _LEAST_AXIS / 1.05])
+    panel = _time_panel(Scale.around(time, 0.005), deep, 2.2, "penetration [mm]")
+    panel.line(time, soles, _ADAPTED, "soles")
+    panel.line(time, bodies, _BAD, "all other bodies")
+    panel.legend()
+    return drawing([panel], _WIDE, 2.2)
 
 
 def jerks(report: ReportData) -> str:
@@ -196,59 +150,46 @@ def jerks(report: ReportData) -> str:
     joints = report.validation.per_joint
     if not joints:
         return ""
+    names = [name.replace("_", " ") for name in joints]
+    width, height = _HALF, 0.8 + 0.24 * max(len(joints), 3)
+    left = 12.0 + text_width("n" * max(len(name) for name in names))
+    values = np.array(list(joints.values()), dtype=np.float64)
+    panel = Panel(
+        _from_zero(values[:, :2]).within(left, UNITS * width - _RIGHT),
+        Scale(-0.6, len(joints) - 0.4).within(UNITS * height - _BELOW, _ABOVE),
+    )
+    place = np.arange(len(joints))[::-1]
+    for offset, column, colour, label in (
+        (0.2, 1, _SOURCE, "source"),
+        (-0.2, 0, _ADAPTED, "adapted"),
+    ):
+        middle = place + offset
+        ends = np.column_stack((np.zeros(len(joints)), values[:, column]))
+        panel.boxes(ends, np.column_stack((middle - 0.19, middle + 0.19)), colour, label)
+    panel.axis_y([(float(i), name) for i, name in zip(place, names, strict=True)], grid=False)
+    panel.number_axis_x("RMS jerk [rad/s³]")
+    panel.legend()
+    return drawing([panel], width, height)
 
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        place = np.arange(len(joints))[::-1]
-        for offset, column, colour, label in (
-            (0.2, 1, _SOURCE, "source"),
-            (-0.2, 0, _ADAPTED, "adapted"),
-        ):
-            axes.barh(
-                place + offset,
-                [values[column] for values in joints.values()],
-                height=0.38,
-                color=colour,
-                label=label,
-            )
-        axes.set_yticks(place, [name.replace("_", " ") for name in joints])
-        axes.grid(False, axis="y")
-        axes.set_xlabel("RMS jerk [rad/s³]")
-        axes.set_ylim(-0.6, len(joints) - 0.4)
-        axes.legend(fontsize=9, ncols=2, loc="lower left", bbox_to_anchor=(0, 0.99))
 
-    return _svg(draw, (5.6, 0.8 + 0.24 * max(len(joints), 3)), "jerk")
+def _time_panel(time: Scale, values: Any, height: float, label: str) -> Panel:
+    """Return a wide chart over time of values that start at 0, with its axes."""
+    panel = Panel(
+        time.within(_LEFT, UNITS * _WIDE - _RIGHT),
+        _from_zero(values).within(UNITS * height - _BELOW, _ABOVE),
+    )
+    panel.number_axis_y(label)
+    panel.number_axis_x("time [s]")
+    return panel
+
+
+def _from_zero(values: Any) -> Scale:
+    """Return a scale from 0 to a bit over the greatest finite value."""
+    most = float(np.max(values, initial=0.0, where=np.isfinite(values)))
+    return Scale(0.0, 1.05 * most if most > 0.0 else 1.0)
 
 
 def _runs(held: Any) -> list[tuple[int, int]]:
     """Return the first frame and the one past the last of every stretch of True."""
     edge = np.flatnonzero(np.diff(np.concatenate(([False], held, [False])).astype(np.int8)))
     return [(int(start), int(end)) for start, end in edge.reshape(-1, 2)]
-
-
-def _svg(draw: Any, size: Sequence[float], salt: str) -> str:
-    from matplotlib import rc_context
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure
-
-    style: Any = {**_STYLE, "svg.hashsalt": salt}
-    with rc_context(style):
-        figure = Figure(figsize=(size[0], size[1]), layout="constrained")
-        FigureCanvasSVG(figure)
-        draw(figure)
-        stream = io.StringIO()
-        figure.savefig(stream, format="svg", metadata={"Date": None}, bbox_inches="tight")
-    text = stream.getvalue()
-    text = text[text.index("<svg") :].replace(_INK, "currentColor")
-    # Names of parts must differ between the plots of one page, and the size is the page's to give.
-    text = re.sub(r'(id="|url\(#|href="#)', rf"\g<1>{salt}-", text)
-    width = round(size[0] * 96)
-    tag = text[: text.index(">")]
-    view = re.search(r'viewBox="[^"]*"', tag)
-    assert view is not None
-    opening = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
-        f' {view.group()} style="width: 100%; max-width: {width}px"'
-    )
-    # The page's own typeface; the size is in the units of the drawing.
-    return opening + re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1", text[len(tag) :])

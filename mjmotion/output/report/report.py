@@ -13,6 +13,7 @@ from mjmotion.output.report.data import ReportData
 
 if TYPE_CHECKING:
     from mjmotion.output.report.page import Picture
+    from mjmotion.output.report.poses import Strip
 
 
 class Report(ReportData):
@@ -30,7 +31,7 @@ class Report(ReportData):
           poses: pictures of poses in order, RGB arrays (height, width, 3) or PNG files as bytes.
           why_no_poses: what the page says where there are none.
         """
-        from mjmotion.output.report.page import page  # loads matplotlib
+        from mjmotion.output.report.page import page
 
         return page(self, poses, why_no_poses)
 
@@ -53,8 +54,13 @@ class Report(ReportData):
         write_text(Path(folder) / PAGE, html)
 
 
-def write_report(folder: str | Path, report: Report) -> None:
+def write_report(folder: str | Path, report: Report, strip: Strip | None = None) -> None:
     """Write ``report.json`` and ``report.html`` with a strip of poses, if there is OpenGL for it.
+
+    Args:
+      folder: where; it must exist.
+      report: what is written.
+      strip: returns the strip if it is being drawn already: what ``strip_ahead`` gave.
 
     Raises:
       OutputError: a file cannot be written.
@@ -62,8 +68,13 @@ def write_report(folder: str | Path, report: Report) -> None:
     from mjmotion.output.video import render_strip
 
     try:
-        strip = render_strip(report.motion, contacts=report.contacts, body=report.body)
+        if strip is None:
+            picture = render_strip(report.motion, contacts=report.contacts, body=report.body)
+        else:
+            import PIL.Image  # noqa: F401  # for the page: loads while the strip is drawn
+
+            picture = strip()
     except RenderError as error:
         report.write(folder, why_no_poses=str(error))
     else:
-        report.write(folder, [strip])
+        report.write(folder, [picture])

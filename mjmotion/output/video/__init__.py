@@ -4,7 +4,7 @@ OpenGL is bound when the first picture is made, never before: importing this pac
 graphics library.
 """
 
-from mjmotion.output.video.gl import Canvas, ensure_gl
+from mjmotion.output.video.gl import Canvas, draws_in_any_thread, ensure_gl
 from mjmotion.output.video.render import (
     render_frames,
     render_video,
@@ -16,6 +16,7 @@ from mjmotion.output.video.writer import VideoWriter
 __all__ = [
     "Canvas",
     "VideoWriter",
+    "draws_in_any_thread",
     "ensure_gl",
     "render_frames",
     "render_strip",

@@ -56,6 +56,12 @@ def ensure_gl() -> type[Any]:
     return _context_class(f"mujoco.{backend}")
 
 
+def draws_in_any_thread() -> bool:
+    """Return whether pictures may be drawn outside the main thread: GLFW's may not."""
+    choice = os.environ.get("MUJOCO_GL", "").lower().strip()
+    return platform.system() == "Linux" and choice in (*_DEFAULT, *_OFF, "egl", "osmesa")
+
+
 class Canvas:
     """An offscreen picture that MuJoCo scenes are drawn into; a context manager.
 

@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 _FOVY = 20.0
 _MORPH_SPREAD = 0.5  # between poses of a body that changes [m]
+_NODES = 170  # along a side of a heightfield, at most: 0.15 m of our terrain, as in videos
 _SAME_DEPTH = 1e-5  # of the depth buffer's 0…1: the same surface in two pictures
 
 
@@ -70,15 +71,14 @@ def render_strip(
         motion.model, width, height, fovy=_FOVY, fog=(far + 3.0, far + 20.0)
     )
     model.vis.map.shadowclip = span / 2 + 2.0
-    model.vis.quality.shadowsize = 4096
-    window = FieldWindow(model, span + 20.0, 512)
+    model.vis.quality.shadowsize = 4096  # with less there are specks on the figures
+    _show_field(model, span + 20.0, view.lookat[0])
     marks = ContactMarks.of(motion, () if spread else contacts, body=body)
     stage = Stage(
         model, extra=len(frames) * model.ngeom + len(contacts), bearing=float(view.bearing[0])
     )
     rect, camera = mujoco.MjrRect(0, 0, width, height), view.at(0)
     with Canvas(model, width, height) as canvas:
-        window.move(view.lookat[0], canvas)
         if sizes is not None:
             return _one_by_one(canvas, stage, qpos, sizes, camera, marks, motion.nframe)
         data = mujoco.MjData(model)
@@ -88,6 +88,18 @@ def render_strip(
         marks.draw(stage, motion.nframe)
         canvas.draw(rect, stage.scene)
         return canvas.read()
+
+
+def _show_field(model: mujoco.MjModel, side: float, point: Array) -> None:
+    """Thin the heightfields of a model for pictures, before the driver is given them.
+
+    Args:
+      model: changed.
+      side: of the square of each field that is shown [m].
+      point: (3,) what it is around.
+    """
+    whole = 2.0 * float(np.max(model.hfield_size[:, :2], initial=0.0))
+    FieldWindow(model, min(side, whole), _NODES).move(point)
 
 
 def _one_by_one(
