@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from mjmotion.apps.clearing import (
     FitSettings,
     check_passage,
-    off_ground_and_itself,
     past_obstacles,
+    with_arms_clear,
 )
 from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics, site_id, site_positions
@@ -146,7 +146,7 @@ def fit_plan(
         clearance = ObstacleClearance(character, plan.obstacles, nframe)
         result = past_obstacles(result, asked_for, clearance, solver, settings)
     plan, result = _with_relaxed_ankles(plan, result, near, solver, clearance)
-    result = off_ground_and_itself(plan, result, near, clearance, composed, settings, solver)
+    result = with_arms_clear(plan, result, near, clearance, composed, settings, solver)
     if clearance is not None:
         check_passage(clearance, result)
     # Against what was asked for, not what was brought within reach; free targets where they went.

@@ -13,11 +13,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjmotion.body.character import Character
-from mjmotion.body.kinematics import Kinematics
+from mjmotion.body.kinematics import Kinematics, body_dofs
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import Constraint
-from mjmotion.exceptions import SceneError, frame_list
-from mjmotion.fitting import TOLERANCE, Fit, default_levels, fit, whole
+from mjmotion.exceptions import ModelError, SceneError, frame_list
+from mjmotion.fitting import FINEST, TOLERANCE, Fit, default_levels, fit, whole
 from mjmotion.footsteps.bow import bow
 from mjmotion.footsteps.clearances import BodyClearances, Clearances, pushed_clear
 from mjmotion.footsteps.obstacles import ObstacleClearance
@@ -25,10 +25,12 @@ from mjmotion.footsteps.plan import Plan
 from mjmotion.footsteps.self_clearance import SelfClearance
 from mjmotion.footsteps.surfaces import SurfaceClearance, find_surfaces
 from mjmotion.ik import IKSolver
+from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.progress import Progress, no_progress
 
 DUCK_MARGIN = 0.05  # distance kept while the way through is found, more than in the end [m]
 DUCK_ROUNDS = 6  # at most, with the finest of the knots that serve to find the way
+_STILL = 1e9  # rigidity of what does not move at all
 STUCK = 0.02  # deeper than this in an obstacle after all, and the way is barred [m]
 
 
@@ -111,7 +113,7 @@ def check_passage(clearance: ObstacleClearance, result: Fit) -> None:
         )
 
 
-def off_ground_and_itself(
+def with_arms_clear(
     plan: Plan,
     result: Fit,
     near: Sequence[Constraint],
@@ -120,25 +122,49 @@ def off_ground_and_itself(
     settings: FitSettings,
     solver: IKSolver,
 ) -> Fit:
-    """Fit again what came into the ground or into itself; most motions come into neither."""
+    """Take arms out of the ground and of the body, where the source's are in neither.
+
+    Only arms move: the body goes its way, and legs have their plan. Most motions need nothing.
+    """
     began = time.perf_counter()
     source, nframe = plan.source, plan.source.nframe
-    resting = {int(source.model.site(c.site).bodyid[0]) for c in plan.contacts}
+    arms = _arms(source.character)
+    if not arms:
+        return result
     surfaces = find_surfaces(composed.model, result.motion.qpos[:, :3])
     kinematics = Kinematics(source.model, nframe, geoms=True)
-    itself = SelfClearance(source, kinematics)
-    ground = SurfaceClearance(source.character, surfaces, resting)
+    resting = {int(source.model.site(c.site).bodyid[0]) for c in plan.contacts}
+    others = set(range(source.model.nbody)) - arms
+    itself = SelfClearance(source, kinematics, arms)
+    ground = SurfaceClearance(source.character, surfaces, resting | others)
     inside = BodyClearances(kinematics, (itself.at_margin(0.0), ground.at_margin(0.0)))
     if len(inside(result.motion.qpos, np.arange(nframe)).frame) == 0:
         return _taking(result, began)
     body = BodyClearances(kinematics, (itself, ground))
-    keep = body if obstacles is None else Clearances((obstacles, body))
-    constraints = [*plan.constraints(), *near]
+    keep = body if obstacles is None else Clearances((obstacles.of(arms), body))
     levels = list(default_levels(source.fps) if settings.levels is None else settings.levels)
-    pushed = pushed_clear(result.motion, constraints, keep, levels[len(levels) // 2 :])
-    looked = _taking(result, began)
-    again = fit(pushed, constraints, levels=levels, ik=solver, clearance=keep, first_guess=False)
+    rigidity = default_rigidity(source.model)
+    moved = [body_dofs(source.model, body) for body in arms]
+    shoulders = np.any(moved, axis=0) & ~np.all(moved, axis=0)
+    rigidity[~shoulders] = _STILL
+    pushed = pushed_clear(result.motion, near, keep, levels[len(levels) // 2 :], rigidity=rigidity)
+    looked = dataclasses.replace(_taking(result, began), motion=pushed)
+    if not near:
+        return looked
+    asked_for = [*plan.constraints(), *near]
+    again = fit(
+        pushed, asked_for, levels=[FINEST], ik=solver, clearance=obstacles, first_guess=False
+    )
     return dataclasses.replace(again, trace=whole((looked.trace, again.trace)))
+
+
+def _arms(character: Character) -> set[int]:
+    """Return the bodies of the arms; none where it has no arms that can be told."""
+    try:
+        parts = character.parts
+    except ModelError:
+        return set()
+    return {body for limb in parts.arms for body in limb.bodies}
 
 
 def _taking(result: Fit, began: float) -> Fit:

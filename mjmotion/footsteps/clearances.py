@@ -81,6 +81,7 @@ def pushed_clear(
     clearance: Clearance,
     levels: Sequence[float],
     rounds: int = ROUNDS,
+    rigidity: Array | None = None,
 ) -> Motion:
     """Return the motion pushed out of what it is in, smoothly, near the frames that are in it.
 
@@ -93,10 +94,11 @@ def pushed_clear(
       clearance: what to keep clear of.
       levels: frames a knot, coarse to fine.
       rounds: times that what is still lacking is pushed, with each of them.
+      rigidity: (nv,) α of Eq. 4; those of every solver without.
     """
     qpos, frames = np.array(motion.qpos), np.arange(motion.nframe)
     targets = lay_out(constraints, motion.model, motion.nframe).over_all_frames(motion.nframe)
-    solver = NumericIK(motion.character, iterations=1)  # the rounds are its iterations
+    solver = NumericIK(motion.character, rigidity, iterations=1)  # the rounds are its iterations
     for frames_per_knot in levels:
         for _ in range(rounds):
             near = np.unique(clearance(qpos, frames).frame)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import mujoco
 import numpy as np
@@ -219,6 +219,12 @@ class ObstacleClearance:
         wider = copy.copy(self)
         wider.margin = margin
         return wider
+
+    def of(self, bodies: Collection[int]) -> ObstacleClearance:
+        """Return the same for some of the character's bodies alone."""
+        some = copy.copy(self)
+        some._geoms = self._geoms[np.isin(self.model.geom_bodyid[self._geoms], list(bodies))]
+        return some
 
     def overhead(self) -> ObstacleClearance:
         """Return the same of those obstacles alone that are passed under."""

@@ -11,6 +11,7 @@ Balls around geoms sieve the pairs of all frames at once, boxes around them what
 from __future__ import annotations
 
 import copy
+from collections.abc import Collection
 
 import mujoco
 import numpy as np
@@ -36,15 +37,25 @@ class SelfClearance:
     Args:
       source: the motion, on the character alone, that says how near is near enough.
       kinematics: of the same model, with geoms, for as many frames.
+      bodies: those that are to keep clear of the others, and of each other; all without.
       margin: distance to keep where the source keeps more [m].
     """
 
-    def __init__(self, source: Motion, kinematics: Kinematics, margin: float = APART) -> None:
+    def __init__(
+        self,
+        source: Motion,
+        kinematics: Kinematics,
+        bodies: Collection[int] | None = None,
+        margin: float = APART,
+    ) -> None:
         self.model, self.margin = source.model, margin
         self._source, self._kinematics = source, kinematics
         self._data = mujoco.MjData(self.model)
         self._geoms = character_geoms(self.model, colliding=True)
         self._pairs = self_pairs(self.model)
+        if bodies is not None:
+            mine = np.isin(self.model.geom_bodyid[self._pairs], list(bodies))
+            self._pairs = self._pairs[mine.any(axis=1)]
         size = self.model.geom_rbound[self._geoms]
         self._between, self._number = _joints_between(self.model, self._geoms)
         self._bound = np.full((len(size), len(size)), -1.0, np.float32)  # where there is no pair
@@ -99,7 +110,7 @@ class SelfClearance:
         # |a - b|² of every two geoms, as one product.
         ours = np.concatenate((-2.0 * place, square, one), axis=2)
         theirs = np.concatenate((place, one, square), axis=2)
-        moved = np.greater(changed.astype(np.float32) @ self._between.T, 0.0)
+        moved = np.asarray(changed.astype(np.float32) @ self._between.T > 0.0)
         bound = np.where(moved.any(axis=0)[self._number], self._bound, -1.0).astype(np.float32)
         frame, first, second = np.nonzero(ours @ np.swapaxes(theirs, 1, 2) < bound)
         other_than = moved[frame, self._number[first, second]]
