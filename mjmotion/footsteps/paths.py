@@ -71,6 +71,7 @@ def foot_path(
     footholds: Sequence[Foothold],
     ground: Ground,
     fps: float,
+    aside: Array | None = None,
 ) -> FootPath:
     """Return the path of foot number ``index``.
 
@@ -82,6 +83,7 @@ def foot_path(
       footholds: one a stance.
       ground: the scene's surfaces.
       fps: frames a second.
+      aside: (nframe, 3) how far it goes aside besides, zero where it stands [m].
     """
     site = site_id(pose.model, foot.site)
     source_pos = pose.site_xpos[:, site]
@@ -101,6 +103,8 @@ def foot_path(
     held = holds.site_position(quat)
     position = position + fade(holds.any, held - position, fading)
     position[holds.any] = held[holds.any]
+    if aside is not None:
+        position = position + aside
     wanted = wanted_clearance(foot, source_pos, source_quat, mine, nframe)
     step_over = StepOver(foot, quat, wanted, holds.any, ground, fps)
     position, lift = step_over(position, mine)

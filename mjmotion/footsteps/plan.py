@@ -19,6 +19,7 @@ from mjmotion.constraints.shared_targets import SharedMove
 from mjmotion.exceptions import ContactError
 from mjmotion.fitting import fit
 from mjmotion.footsteps.ankles import relax_ankles
+from mjmotion.footsteps.apart import aside
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds, find_stances
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
@@ -167,9 +168,14 @@ def _on_ground(
 ) -> Plan:
     """Plan the ways from foothold to foothold, one a stance."""
     feet, ground = source.character.feet, scene.ground
+
+    def path(index: int, move: Array | None = None) -> FootPath:
+        return foot_path(feet[index], index, pose, stances, footholds, ground, source.fps, move)
+
+    paths = tuple(path(index) for index in range(len(feet)))
+    moves = aside(feet, paths, pose, source.fps)
     paths = tuple(
-        foot_path(foot, index, pose, stances, footholds, ground, source.fps)
-        for index, foot in enumerate(feet)
+        path(index, move) if move.any() else paths[index] for index, move in enumerate(moves)
     )
     shift = root_shift(source, pose, paths, found, ROLLING)
     paths = pushed_off(source, pose, paths, found, shift)

@@ -110,7 +110,7 @@ class SelfClearance:
         # |a - b|² of every two geoms, as one product.
         ours = np.concatenate((-2.0 * place, square, one), axis=2)
         theirs = np.concatenate((place, one, square), axis=2)
-        moved = np.asarray(changed.astype(np.float32) @ self._between.T > 0.0)
+        moved: NDArray[np.bool_] = np.asarray(changed.astype(np.float32) @ self._between.T > 0.0)
         bound = np.where(moved.any(axis=0)[self._number], self._bound, -1.0).astype(np.float32)
         frame, first, second = np.nonzero(ours @ np.swapaxes(theirs, 1, 2) < bound)
         other_than = moved[frame, self._number[first, second]]
