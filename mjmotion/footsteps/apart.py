@@ -46,8 +46,8 @@ def aside(feet: Sequence[Foot], paths: Sequence[FootPath], pose: Pose, fps: floa
         _shapes(foot, path.position, path.quat) for foot, path in zip(feet, paths, strict=True)
     ]
     sign = 1.0 if ((source[0] - source[1]).mean(axis=1) * side).sum(axis=1).mean() > 0.0 else -1.0
-    was, _ = _apart(*source, sign * side)
-    now, behind = _apart(*planned, sign * side)
+    was, _ = _apart(source[0], source[1], sign * side)
+    now, behind = _apart(planned[0], planned[1], sign * side)
     lack = np.where(behind < PASSING, np.minimum(was, BESIDE) - now, 0.0)
     for number, direction in ((0, sign), (1, -sign)):
         mine, other = paths[number].stance, paths[1 - number].stance

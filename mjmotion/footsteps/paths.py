@@ -63,6 +63,19 @@ class FootPath:
     lift: Array
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Detour:
+    """What a foot does besides what its contacts and the ground ask of it.
+
+    Attributes:
+      aside: (nframe, 3) how far it goes aside, zero where it stands [m].
+      tip: (nframe,) how much further it is tipped on to its toe, zero where its heel stands [rad].
+    """
+
+    aside: Array
+    tip: Array
+
+
 def foot_path(
     foot: Foot,
     index: int,
@@ -71,7 +84,7 @@ def foot_path(
     footholds: Sequence[Foothold],
     ground: Ground,
     fps: float,
-    aside: Array | None = None,
+    detour: Detour | None = None,
 ) -> FootPath:
     """Return the path of foot number ``index``.
 
@@ -83,7 +96,7 @@ def foot_path(
       footholds: one a stance.
       ground: the scene's surfaces.
       fps: frames a second.
-      aside: (nframe, 3) how far it goes aside besides, zero where it stands [m].
+      detour: what it does for the sake of the other foot, and of the root.
     """
     site = site_id(pose.model, foot.site)
     source_pos = pose.site_xpos[:, site]
@@ -98,13 +111,14 @@ def foot_path(
     shift, turn = _carry(mine, nframe)
     base = multiply(turn, source_quat)
     fading = max(FADE_TIME * fps, FADE_FRAMES)
-    quat = _turned(foot, holds, base, fading)
-    position = source_pos + shift
+    quat, position = _turned(foot, holds, base, fading), source_pos + shift
+    if detour is not None:
+        zero = np.zeros(nframe)
+        quat = multiply(quat, exp(np.stack((zero, detour.tip, zero), axis=-1)))
+        position = position + detour.aside
     held = holds.site_position(quat)
     position = position + fade(holds.any, held - position, fading)
     position[holds.any] = held[holds.any]
-    if aside is not None:
-        position = position + aside
     wanted = wanted_clearance(foot, source_pos, source_quat, mine, nframe)
     step_over = StepOver(foot, quat, wanted, holds.any, ground, fps)
     position, lift = step_over(position, mine)

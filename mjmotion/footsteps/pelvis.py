@@ -41,6 +41,7 @@ ANKLE_SPARE = 0.08  # how far within its range an ankle is planned [rad]
 STANDING, ROLLING, HEEL, SWINGING = 4000.0, 50.0, 200.0, 3.0
 MOST_TIP = 0.45  # how much further than in the source a foot may roll on its toe [rad]
 _ROLLS = 2  # times that the roll of a shank is found
+STEEPEST_TOE = 1.1  # how steep a foot may stand on its toe for that [rad]
 TIP_PULL = 60.0  # angular acceleration with which it can begin to [rad/s²]
 TIP_TIME = 0.08  # scale of the rise and fall of that [s]
 
@@ -81,22 +82,24 @@ def mean_shift(source: Motion, paths: Sequence[FootPath]) -> Array:
     return fit_multilevel(np.arange(source.nframe), mean, source.nframe, levels[:-1])
 
 
-def pushed_off(
+def push_offs(
     source: Motion,
     pose: Pose,
     paths: Sequence[FootPath],
     contacts: Sequence[Contact],
     shift: Array,
-) -> tuple[FootPath, ...]:
-    """Return paths whose feet roll further on to their toes where the root is too high for them.
+) -> list[Array]:
+    """Return how much further feet roll on to their toes (nframe,) [rad], one a foot.
 
-    Someone who steps up pushes off with the toe of the lower foot.
+    Someone who steps up pushes off with the toe of the lower foot, where the root is too high for
+    it to stay as it is.
     """
-    pushed = []
-    for path in paths:
-        leg = _Leg.of(source, pose, path, contacts, shift)
-        pushed.append(path if leg is None else leg.pushed_off(path, shift))
-    return tuple(pushed)
+    legs = [_Leg.of(source, pose, path, contacts, shift) for path in paths]
+    none = np.zeros(source.nframe)
+    return [
+        none if leg is None else leg.push_off(path, shift)
+        for leg, path in zip(legs, paths, strict=True)
+    ]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -198,8 +201,8 @@ class _Leg:
             hip = np.concatenate((hip[:, :2], height[:, None]), axis=1)
         return np.where(rest > 0.0, height, -np.inf)
 
-    def pushed_off(self, path: FootPath, shift: Array) -> FootPath:
-        """Return the path with its foot turned about the toe, in which the ankle is in reach."""
+    def push_off(self, path: FootPath, shift: Array) -> Array:
+        """Return the turn (nframe,) about the toe that brings the ankle in reach [rad]."""
         toe = path.position + rotate(path.quat, np.broadcast_to(self.foot.toe, self.hip.shape))
         hip = self.hip + shift * (0.0, 0.0, 1.0) - toe
         arm = self.ankle - toe
@@ -213,12 +216,7 @@ class _Leg:
         # A foot cannot be on its toe at once: how long its heel may have risen bounds a tip.
         apart = frames_to(self.heel) / self.source.fps
         most = np.minimum(0.5 * TIP_PULL * apart**2, MOST_TIP)
+        pitch = np.arcsin(np.clip(-rotate(path.quat, np.eye(3)[0])[:, 2], -1.0, 1.0))
+        most = np.minimum(most, np.maximum(STEEPEST_TOE - pitch, 0.0))
         need = np.where(rolls, np.minimum(angle - near, most), 0.0)
-        if need.max() <= 0.0:
-            return path
-        tip = envelope(need, self.heel, TIP_TIME * self.source.fps)
-        zero = np.zeros_like(tip)
-        quat = multiply(path.quat, exp(np.stack((zero, tip, zero), axis=-1)))
-        return dataclasses.replace(
-            path, position=toe - rotate(quat, np.broadcast_to(self.foot.toe, toe.shape)), quat=quat
-        )
+        return envelope(need, self.heel, TIP_TIME * self.source.fps)

@@ -23,8 +23,8 @@ from mjmotion.footsteps.apart import aside
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds, find_stances
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
-from mjmotion.footsteps.paths import FootPath, foot_path, free_footholds
-from mjmotion.footsteps.pelvis import ROLLING, pushed_off, root_shift
+from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
+from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.scene import Scene
@@ -169,16 +169,20 @@ def _on_ground(
     """Plan the ways from foothold to foothold, one a stance."""
     feet, ground = source.character.feet, scene.ground
 
-    def path(index: int, move: Array | None = None) -> FootPath:
-        return foot_path(feet[index], index, pose, stances, footholds, ground, source.fps, move)
+    def path(index: int, move: Array, tip: Array) -> FootPath:
+        detour = Detour(move, tip)
+        return foot_path(feet[index], index, pose, stances, footholds, ground, source.fps, detour)
 
-    paths = tuple(path(index) for index in range(len(feet)))
+    none = [np.zeros(source.nframe) for _ in feet]
+    still = [np.zeros((source.nframe, 3)) for _ in feet]
+    paths = tuple(path(index, *one) for index, one in enumerate(zip(still, none, strict=True)))
     moves = aside(feet, paths, pose, source.fps)
-    paths = tuple(
-        path(index, move) if move.any() else paths[index] for index, move in enumerate(moves)
-    )
     shift = root_shift(source, pose, paths, found, ROLLING)
-    paths = pushed_off(source, pose, paths, found, shift)
+    tips = push_offs(source, pose, paths, found, shift)
+    paths = tuple(
+        path(index, move, tip) if move.any() or tip.any() else paths[index]
+        for index, (move, tip) in enumerate(zip(moves, tips, strict=True))
+    )
     shift = root_shift(source, pose, paths, found)
     relaxed, trimmed = relax_ankles(shifted(source, shift), feet, paths, found)
     if relaxed != paths:

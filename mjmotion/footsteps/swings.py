@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 FADE_FRAMES = 1.5  # the same at least, so that a few frames share what one would show [frames]
 DIP = 0.001  # how far a foot that rolls on one contact may dig in with its side [m]
 STUCK = 0.0015  # how far in a step a lifted foot may be before it is held back [m]
+BEHIND = 0.06  # how far behind its last stand a foot may be held back, or before its next [m]
+HOLDS = 3  # times that it is looked whether a foot must be held back
 LIFT_PULL = 30.0  # acceleration with which a foot can be lifted off, or set down [m/s²]
 LIFT_TIME = 0.05  # scale of a lift's rise and fall [s]
 SHORT_LIFT = 0.015  # the most that a foot is lifted in a hurry, where it scrapes [m]
@@ -79,9 +81,12 @@ class StepOver:
         """Return positions (nframe, 3) that clear the ground, and the lifts (nframe,) [m]."""
         lacking = self._lacking(position, self._swing)
         lift = self._lift(lacking)
-        inside = lacking - self._wanted - lift
-        stuck = self._swing[inside[self._swing] > STUCK]
-        if len(stuck):
+        for _ in range(HOLDS):
+            inside = lacking - self._wanted - lift
+            stuck = self._swing[inside[self._swing] > STUCK]
+            if len(stuck) == 0:
+                break
+            # A foot that is held back lacks less, so it is lifted less: look once more.
             position = self._held_back(position, lift, stuck, mine)
             lacking = self._lacking(position, self._swing)
             lift = self._lift(lacking)
@@ -137,10 +142,9 @@ class StepOver:
                 if np.isfinite(need).any():
                     closed = np.ones(nframe, dtype=bool)
                     closed[max(0, low) : high] = False
-                    curve = np.minimum(envelope(need, closed, LIFT_TIME * self._fps), 1.0)
+                    curve = np.minimum(envelope(need, closed, LIFT_TIME * self._fps), 2.0)
                     part = slice(begin, stop)
-                    move = position[anchor, :2] - position[part, :2]
-                    back[part, :2] += curve[part, None] * move
+                    back[part, :2] += _backwards(position[part], position[anchor], curve[part])
         return back
 
     def _share_held(
@@ -148,12 +152,24 @@ class StepOver:
     ) -> Array:
         """Least share (nframe,) of the way back to ``anchor`` that clears ``frames``; -inf else."""
         need = np.full(len(position), -np.inf)
-        for share in (1.0, 0.75, 0.5, 0.25) if len(frames) else ():
+        for share in (2.0, 1.5, 1.0, 0.75, 0.5, 0.25) if len(frames) else ():
             trial = position.copy()
-            trial[frames, :2] += share * (position[anchor, :2] - position[frames, :2])
+            shares = np.full(len(frames), share)
+            trial[frames, :2] += _backwards(position[frames], position[anchor], shares)
             inside = self._lacking(trial, frames)[frames] - self._wanted[frames] - lift[frames]
             need[frames[inside <= DIP]] = share
         return need
+
+
+def _backwards(position: Array, anchor: Array, share: Array) -> Array:
+    """Return the way back (n, 2) [m] to an anchor, for shares (n,) of it; above 1 behind it."""
+    way = (anchor - position)[:, :2]
+    length = np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+    beyond = BEHIND * np.maximum(share - 1.0, 0.0)[:, None] * way / length
+    # Next to the anchor itself there is no way that it could be behind.
+    return np.asarray(
+        np.minimum(share, 1.0)[:, None] * way + beyond * np.minimum(length / BEHIND, 1.0)
+    )
 
 
 def frames_to(mask: NDArray[np.bool_]) -> Array:
