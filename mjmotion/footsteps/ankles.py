@@ -19,19 +19,19 @@ from mjmotion.body.joint_limits import from_swing_twist, swing_twist
 from mjmotion.body.kinematics import site_id
 from mjmotion.body.limbs import Limbs
 from mjmotion.body.motion import Motion
-from mjmotion.footsteps.contacts import Contact
+from mjmotion.footsteps.contacts import Contact, contact_mask
 from mjmotion.footsteps.paths import FootPath
 from mjmotion.numerics.rotations import conjugate, multiply, rotate
-from mjmotion.numerics.smoothing import cover
+from mjmotion.numerics.smoothing import cover, envelope
 
 Array = NDArray[np.float64]
 
-MARGIN = 0.04  # how far within its range an ankle is kept [rad]
+MARGIN = 0.02  # how far within its range an ankle is kept [rad]
 GIVE_TIME = 0.06  # how far on either side a giving is felt [s]
 SHORTEST = 0.07  # what is left of a contact is dropped when it is shorter [s]
 MOST_LACK = 0.35  # the most that a foot is turned back at a time [rad]
 _ROUNDS = 3
-SLACK = 0.035  # what an ankle may use of the margin before anything gives [rad]
+SLACK = 0.018  # what an ankle may use of the margin before anything gives [rad]
 _LIFTED = 5e-4  # a heel this far off its foothold no longer stands [m]
 
 
@@ -52,9 +52,10 @@ def relax_ankles(
         limb = motion.character.limb_by_end.get(foot.body)
         if limb is not None:
             limbs = motion.character.chains((limb,))
+            heel = contact_mask(left, f"{foot.side}_heel", motion.nframe)
             flat = path
             for _ in range(_ROUNDS):
-                turned = _turn_back(motion, limbs, foot, path)
+                turned = _turn_back(motion, limbs, foot, path, heel)
                 if turned is None:
                     break
                 path = turned
@@ -64,8 +65,14 @@ def relax_ankles(
     return tuple(given), tuple(left)
 
 
-def _turn_back(motion: Motion, limbs: Limbs, foot: Foot, path: FootPath) -> FootPath | None:
-    """Turn a path back by what its ankle lacks; None when it lacks nothing."""
+def _turn_back(
+    motion: Motion, limbs: Limbs, foot: Foot, path: FootPath, heel: NDArray[np.bool_]
+) -> FootPath | None:
+    """Turn a path back by what its ankle lacks; None when it lacks nothing.
+
+    What it lacks while the heel stands (nframe,) is felt a little before and after; what it lacks
+    elsewhere takes no heel off the ground.
+    """
     model = motion.model
     joint = int(model.body_jntadr[foot.body])
     box = motion.character.limits.boxes.get(joint)
@@ -85,8 +92,12 @@ def _turn_back(motion: Motion, limbs: Limbs, foot: Foot, path: FootPath) -> Foot
     lack = np.zeros_like(ankle)
     time = GIVE_TIME * motion.fps
     for axis in range(3):
-        lack[:, axis] = cover(box[axis, 0] + MARGIN - ankle[:, axis], time)
-        lack[:, axis] -= cover(ankle[:, axis] - box[axis, 1] + MARGIN, time)
+        for sign, over in (
+            (1.0, box[axis, 0] + MARGIN - ankle[:, axis]),
+            (-1.0, ankle[:, axis] - box[axis, 1] + MARGIN),
+        ):
+            given = cover(np.where(heel, over, 0.0), time)
+            lack[:, axis] += sign * (given + envelope(over - given, heel, time))
     if not lack.any():
         return None
     back = multiply(conjugate(from_swing_twist(ankle)), from_swing_twist(ankle + lack))

@@ -34,12 +34,12 @@ REACH_FREE = 0.97  # share of a leg's length that a root path may always ask for
 REACH_MOST = 0.995  # the most it may ask for, where the source did
 LEAST_HEIGHT = 0.5  # of a leg's length that a hip keeps over its ankle, however far that is
 DROP_TIME = 0.3  # how far on either side it is felt that a leg would not reach [s]
-HEIGHT_TIME = 0.17  # τ of the root's height [s]
+HEIGHT_TIME = 0.19  # τ of the root's height [s]
 PLANE_TIME = 0.3  # τ of its way over the plane, which only follows the feet [s]
 ANKLE_SPARE = 0.08  # how far within its range an ankle is planned [rad]
 # Prices of being out of a bound, against being off the feet's mean shift.
 STANDING, ROLLING, HEEL, SWINGING = 4000.0, 50.0, 200.0, 3.0
-MOST_TIP = 0.45  # how much further than in the source a foot may roll on its toe [rad]
+MOST_TIP = 0.3  # how much further than in the source a foot may roll on its toe [rad]
 _ROLLS = 2  # times that the roll of a shank is found
 STEEPEST_TOE = 1.1  # how steep a foot may stand on its toe for that [rad]
 TIP_PULL = 60.0  # angular acceleration with which it can begin to [rad/s²]
