@@ -14,15 +14,18 @@ from numpy.typing import NDArray
 from mjmotion.body.feet import Foot
 from mjmotion.body.kinematics import Pose, site_id
 from mjmotion.footsteps.paths import FootPath
-from mjmotion.footsteps.swings import LIFT_PULL, frames_to
+from mjmotion.footsteps.swings import frames_to
 from mjmotion.numerics.rotations import from_matrix, rotate
 from mjmotion.numerics.smoothing import envelope
 
 Array = NDArray[np.float64]
 
 BESIDE = 0.02  # how far feet that pass each other are kept apart, where the source does [m]
+OVER = -0.01  # the same at least, where the source's swing over each other [m]
+CROSSED = -0.1  # further across the other than this, a foot of the source is meant to be [m]
 AHEAD = 0.10  # how far before its toe a foot's shin may be [m]
 PASSING = 0.05  # feet that are this far behind each other do not meet [m]
+ASIDE_PULL = 15.0  # acceleration with which a foot goes aside [m/s²]
 ASIDE_TIME = 0.08  # scale of a move aside [s]
 
 
@@ -48,10 +51,11 @@ def aside(feet: Sequence[Foot], paths: Sequence[FootPath], pose: Pose, fps: floa
     sign = 1.0 if ((source[0] - source[1]).mean(axis=1) * side).sum(axis=1).mean() > 0.0 else -1.0
     was, _ = _apart(source[0], source[1], sign * side)
     now, behind = _apart(planned[0], planned[1], sign * side)
-    lack = np.where(behind < PASSING, np.minimum(was, BESIDE) - now, 0.0)
+    least = np.where(was > CROSSED, np.clip(was, OVER, BESIDE), was)
+    lack = np.where(behind < PASSING, least - now, 0.0)
     for number, direction in ((0, sign), (1, -sign)):
         mine, other = paths[number].stance, paths[1 - number].stance
-        most = 0.5 * LIFT_PULL * (frames_to(mine) / fps) ** 2
+        most = 0.5 * ASIDE_PULL * (frames_to(mine) / fps) ** 2
         need = np.where(~mine & other, np.minimum(lack, most), 0.0)
         if need.max(initial=0.0) > 0.0:
             move = envelope(need, mine, ASIDE_TIME * fps)

@@ -31,6 +31,8 @@ SINK = 0.0032  # how far the ground may rise into the sole [m]
 SEARCH_RADIUS = 0.34  # how far a foothold may move [m]
 APPROACH = 0.06  # how far before the toe and behind the heel no step may rise [m]
 CROWD_COST = 0.06  # way that half of that space is worth [m]
+FEET_APART = 0.02  # how far beside the other foot a foot is set down, where the source does [m]
+CROSSING = 0.06  # how much further across it may be, behind or before the other [m]
 STEP = 0.02  # a rise there that counts as a step [m]
 _RINGS, _RAYS = 17, 16
 _ANKLE = 0.10  # height over the sole at which walls are felt for [m]
@@ -152,16 +154,22 @@ def find_footholds(
     """
     footholds: list[Foothold] = []
     height = start_height
+    last: dict[int, tuple[Stance, Foothold]] = {}
     for stance in stances:
         foot = feet[stance.foot]
+        others = [
+            _Beside.of(stance, foot, *one, feet) for i, one in last.items() if i != stance.foot
+        ]
         spot = np.array((*stance.source_pos[:2], height))
         place = _place(foot, ground, spot[None], stance.source_quat)
         rough = ROUGH
-        if ROUGH < place.fault[0] <= FIELD_ROUGH:
+        if place.fault[0] <= FIELD_ROUGH:
             sole = spot + rotate(stance.source_quat, foot.sole)
             rough = FIELD_ROUGH if ground.on_field(sole) else ROUGH
-        if place.fault[0] > rough or place.crowded[0] > 0 or _walled(foot, ground, place, 0):
-            place = _search(foot, ground, spot, stance, place)
+        poor = place.fault[0] > rough or place.crowded[0] > 0
+        poor = poor or any(other.lack(place)[0] > 0.0 for other in others)
+        if poor or _walled(foot, ground, place, 0):
+            place = _search(foot, ground, spot, stance, place, rough, others)
         footholds.append(
             Foothold(
                 place.position[0],
@@ -171,6 +179,7 @@ def find_footholds(
             )
         )
         height = float(place.position[0, 2])
+        last[stance.foot] = stance, footholds[-1]
     return tuple(footholds)
 
 
@@ -198,6 +207,49 @@ class _Placed:
     def __getitem__(self, index: int) -> _Placed:
         one = slice(index, index + 1)
         return _Placed(*(getattr(self, field.name)[one] for field in dataclasses.fields(self)))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Beside:
+    """The other foot's last foothold, beside which a foot is to be set down.
+
+    Attributes:
+      foot: the foot that is set down.
+      quat: (4,) its yaw.
+      sole: (k, 3) the other's sole in the world [m].
+      side: (3,) the way from the other to it, across the body.
+      least: how far beside the other it may be set down: as in the source, and not more [m].
+    """
+
+    foot: Foot
+    quat: Array
+    sole: Array
+    side: Array
+    least: float
+
+    @classmethod
+    def of(
+        cls, stance: Stance, foot: Foot, other: Stance, foothold: Foothold, feet: Sequence[Foot]
+    ) -> _Beside:
+        """Return it for a stance, and the other's last."""
+        theirs = feet[other.foot].sole
+        side = rotate(stance.source_quat, np.array((0.0, 1.0, 0.0)))
+        mine = stance.source_pos + rotate(stance.source_quat, foot.sole)
+        was = other.source_pos + rotate(other.source_quat, theirs)
+        if (mine.mean(axis=0) - was.mean(axis=0)) @ side < 0.0:
+            side = -side
+        apart = float((mine @ side).min() - (was @ side).max())
+        now = foothold.position + rotate(foothold.quat, theirs)
+        return cls(foot, stance.source_quat, now, side, min(apart, FEET_APART))
+
+    def lack(self, placed: _Placed) -> Array:
+        """Return how much nearer than it may be a foot would be at each place (n,) [m]."""
+        ahead = np.array((self.side[1], -self.side[0], 0.0))
+        mine = placed.position[:, None] + rotate(placed.quat[:, None], self.foot.sole)
+        along, theirs = mine @ ahead, self.sole @ ahead
+        clear = (along.min(axis=1) > theirs.max()) | (along.max(axis=1) < theirs.min())
+        apart = (mine @ self.side).min(axis=1) - (self.sole @ self.side).max()
+        return self.least - np.where(clear, CROSSING, 0.0) - apart
 
 
 def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
@@ -253,15 +305,25 @@ def _walled(foot: Foot, ground: Ground, placed: _Placed, index: int) -> bool:
     return ground.blocked(np.broadcast_to(centre, way.shape), way, EDGE_MARGIN)
 
 
-def _search(foot: Foot, ground: Ground, spot: Array, stance: Stance, first: _Placed) -> _Placed:
+def _search(
+    foot: Foot,
+    ground: Ground,
+    spot: Array,
+    stance: Stance,
+    first: _Placed,
+    rough: float,
+    others: Sequence[_Beside],
+) -> _Placed:
     """Return the nearest spot with good ground; the best there is when none is good."""
     radius = np.repeat(np.arange(1, _RINGS + 1) * SEARCH_RADIUS / _RINGS, _RAYS)
     angle = np.tile(np.arange(_RAYS) * 2.0 * np.pi / _RAYS, _RINGS)
     shift = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), np.zeros(len(radius))))
     placed = _place(foot, ground, spot + rotate(stance.source_quat, shift), stance.source_quat)
-    if first.fault[0] <= ROUGH and not _walled(foot, ground, first, 0):
+    if first.fault[0] <= rough and not _walled(foot, ground, first, 0):
         radius, placed = np.concatenate(([0.0], radius)), first + placed
-    good = np.flatnonzero(placed.fault <= ROUGH)
+    for other in others:  # ground on which the other foot stands is no better than none
+        placed = dataclasses.replace(placed, fault=placed.fault + 1.0 * (other.lack(placed) > 0.0))
+    good = np.flatnonzero(placed.fault <= rough)
     # Some crowding is worth a little way, not any: on narrow treads there is no better spot.
     worth = radius[good] + CROWD_COST * placed.crowded[good]
     for index in good[np.argsort(worth, kind="stable")]:
