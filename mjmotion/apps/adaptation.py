@@ -175,7 +175,7 @@ def _with_relaxed_ankles(
     posed = {path.site for path in plan.paths}
     feet = [foot for foot in plan.source.character.feet if foot.site in posed] if posed else []
     for _ in range(RELAX_ROUNDS):
-        paths, contacts = relax_ankles(result.motion, feet, plan.paths, plan.contacts)
+        paths, contacts = relax_ankles(result.motion, feet, plan.paths, plan.contacts, plan.source)
         if paths == plan.paths:
             break
         plan = dataclasses.replace(plan, paths=paths, contacts=contacts)

@@ -26,17 +26,22 @@ from mjmotion.numerics.smoothing import cover, envelope
 
 Array = NDArray[np.float64]
 
-MARGIN = 0.02  # how far within its range an ankle is kept [rad]
+MARGIN = 0.03  # how far within its range an ankle is kept [rad]
 GIVE_TIME = 0.06  # how far on either side a giving is felt [s]
 SHORTEST = 0.07  # what is left of a contact is dropped when it is shorter [s]
 MOST_LACK = 0.35  # the most that a foot is turned back at a time [rad]
 _ROUNDS = 3
-SLACK = 0.018  # what an ankle may use of the margin before anything gives [rad]
+_EDGE = 0.002  # of its range that an ankle is never planned to be at [rad]
+SLACK = 0.025  # what an ankle may use of the margin before anything gives [rad]
 _LIFTED = 5e-4  # a heel this far off its foothold no longer stands [m]
 
 
 def relax_ankles(
-    motion: Motion, feet: Sequence[Foot], paths: Sequence[FootPath], contacts: Sequence[Contact]
+    motion: Motion,
+    feet: Sequence[Foot],
+    paths: Sequence[FootPath],
+    contacts: Sequence[Contact],
+    source: Motion | None = None,
 ) -> tuple[tuple[FootPath, ...], tuple[Contact, ...]]:
     """Return paths that the ankles can follow, and the contacts that are left.
 
@@ -45,7 +50,9 @@ def relax_ankles(
       feet: the feet.
       paths: one a foot.
       contacts: all contacts.
+      source: what says how far ankles are bent anyway; ``motion`` without.
     """
+    source = motion if source is None else source
     given: list[FootPath] = []
     left = list(contacts)
     for foot, path in zip(feet, paths, strict=True):
@@ -53,9 +60,9 @@ def relax_ankles(
         if limb is not None:
             limbs = motion.character.chains((limb,))
             heel = contact_mask(left, f"{foot.side}_heel", motion.nframe)
-            flat = path
+            flat, box = path, _ankle_box(source, foot)
             for _ in range(_ROUNDS):
-                turned = _turn_back(motion, limbs, foot, path, heel)
+                turned = None if box is None else _turn_back(motion, limbs, foot, path, (heel, box))
                 if turned is None:
                     break
                 path = turned
@@ -65,19 +72,41 @@ def relax_ankles(
     return tuple(given), tuple(left)
 
 
+def _ankle_box(source: Motion, foot: Foot) -> Array | None:
+    """Return how far an ankle may bend, and when it must give (nframe, 3, 4) [rad].
+
+    It may bend to a margin within its range, or, where the source bends it further, as far as that:
+    low and high, and low and high that it is not let beyond. None where it has no such range.
+    """
+    model = source.model
+    joint = int(model.body_jntadr[foot.body])
+    range_ = source.character.limits.boxes.get(joint)
+    if range_ is None:
+        return None
+    at = int(model.jnt_qposadr[joint])
+    own = swing_twist(source.qpos[:, at : at + 4])
+    low = np.maximum(np.minimum(range_[:, 0] + MARGIN, own), range_[:, 0] + _EDGE)
+    high = np.minimum(np.maximum(range_[:, 1] - MARGIN, own), range_[:, 1] - _EDGE)
+    # Near the very end of a range there is less to spare before anything must give.
+    spare = np.minimum(low - range_[:, 0], range_[:, 1] - high) - _EDGE
+    slack = np.clip(spare, 0.0, SLACK)
+    return np.stack((low, high, low - slack, high + slack), axis=-1)
+
+
 def _turn_back(
-    motion: Motion, limbs: Limbs, foot: Foot, path: FootPath, heel: NDArray[np.bool_]
+    motion: Motion,
+    limbs: Limbs,
+    foot: Foot,
+    path: FootPath,
+    allowed: tuple[NDArray[np.bool_], Array],
 ) -> FootPath | None:
     """Turn a path back by what its ankle lacks; None when it lacks nothing.
 
-    What it lacks while the heel stands (nframe,) is felt a little before and after; what it lacks
-    elsewhere takes no heel off the ground.
+    ``allowed`` is when the heel stands (nframe,) and how far the ankle may bend (nframe, 3, 4).
+    What lacks while the heel stands is felt a little before and after; what lacks elsewhere takes
+    no heel off the ground.
     """
-    model = motion.model
-    joint = int(model.body_jntadr[foot.body])
-    box = motion.character.limits.boxes.get(joint)
-    if box is None:
-        return None
+    model, (heel, box) = motion.model, allowed
     site = site_id(model, foot.site)
     state = limbs.state(motion.qpos)
     end_quat = multiply(path.quat, conjugate(model.site_quat[site]))
@@ -85,16 +114,17 @@ def _turn_back(
     end = multiply(conjugate(state.base_quat), end_quat[:, None])
     displacement = limbs.close(state, goal, end)
     ankle = swing_twist(limbs.ankle_turn(state, displacement)[:, 0])
-    if not ((ankle < box[:, 0] + MARGIN - SLACK) | (ankle > box[:, 1] - MARGIN + SLACK)).any():
+    low, high = box[..., 0], box[..., 1]
+    if not ((ankle < box[..., 2]) | (ankle > box[..., 3])).any():
         return None
     # What is far out of range is out of reach, which turning a foot does not mend.
-    ankle = np.clip(ankle, box[:, 0] - MOST_LACK, box[:, 1] + MOST_LACK)
+    ankle = np.clip(ankle, low - MOST_LACK, high + MOST_LACK)
     lack = np.zeros_like(ankle)
     time = GIVE_TIME * motion.fps
     for axis in range(3):
         for sign, over in (
-            (1.0, box[axis, 0] + MARGIN - ankle[:, axis]),
-            (-1.0, ankle[:, axis] - box[axis, 1] + MARGIN),
+            (1.0, (low - ankle)[:, axis]),
+            (-1.0, (ankle - high)[:, axis]),
         ):
             given = cover(np.where(heel, over, 0.0), time)
             lack[:, axis] += sign * (given + envelope(over - given, heel, time))
@@ -112,7 +142,7 @@ def _turn_back(
 def trim_heel_contacts(
     contacts: Sequence[Contact], foot: Foot, flat: FootPath, path: FootPath, shortest: float
 ) -> list[Contact]:
-    """Cut a foot's heel contacts to the longest stretch in which the heel is still down.
+    """Cut a foot's heel contacts to the stretches in which the heel is still down.
 
     Args:
       contacts: all contacts.
@@ -130,10 +160,7 @@ def trim_heel_contacts(
             kept.append(contact)
             continue
         down = np.concatenate(([0], ~lifted[contact.start : contact.end], [0])).astype(np.int8)
-        runs = np.flatnonzero(np.diff(down)).reshape(-1, 2)
-        if len(runs):
-            start, end = runs[np.argmax(runs[:, 1] - runs[:, 0])]
-            if end - start < shortest:
-                continue
-            kept.append(Contact(contact.site, contact.start + int(start), contact.start + int(end)))
+        for start, end in np.flatnonzero(np.diff(down)).reshape(-1, 2).tolist():
+            if end - start >= shortest:
+                kept.append(Contact(contact.site, contact.start + start, contact.start + end))
     return sorted(kept, key=lambda contact: (contact.start, contact.site))

@@ -113,8 +113,7 @@ def foot_path(
     fading = max(FADE_TIME * fps, FADE_FRAMES)
     quat, position = _turned(foot, holds, base, fading), source_pos + shift
     if detour is not None:
-        zero = np.zeros(nframe)
-        quat = multiply(quat, exp(np.stack((zero, detour.tip, zero), axis=-1)))
+        quat = multiply(quat, exp(detour.tip[:, None] * np.array((0.0, 1.0, 0.0))))
         position = position + detour.aside
     held = holds.site_position(quat)
     position = position + fade(holds.any, held - position, fading)

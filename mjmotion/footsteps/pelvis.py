@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.feet import Foot
+from mjmotion.body.joint_limits import swing_twist
 from mjmotion.body.kinematics import Pose, site_id
 from mjmotion.body.limbs import Limb
 from mjmotion.body.motion import Motion
@@ -188,7 +189,12 @@ class _Leg:
         knee = model.jnt_pos[model.body_jntadr[limb.lower]]
         shank = knee - model.body_pos[limb.end] - model.jnt_pos[joint]
         thigh = model.body_pos[limb.lower] + knee - model.jnt_pos[model.body_jntadr[limb.upper]]
-        forward = rotate(exp(np.array((0.0, -box[1, 0] - ANKLE_SPARE, 0.0))), shank)
+        # A margin within its range, or as far as the source bends it.
+        first = int(model.jnt_qposadr[joint])
+        own = -swing_twist(self.source.qpos[:, first : first + 4])[:, 1]
+        pitch = np.zeros((len(own), 3))
+        pitch[:, 1] = np.clip(own, -box[1, 0] - ANKLE_SPARE, -box[1, 0])
+        forward = rotate(exp(pitch), shank)
         long, hip = float(thigh @ thigh), self.hip
         for _ in range(_ROLLS):
             # A leg that is off to a side takes its shank along.

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Collection
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -110,10 +111,10 @@ class SelfClearance:
         # |a - b|² of every two geoms, as one product.
         ours = np.concatenate((-2.0 * place, square, one), axis=2)
         theirs = np.concatenate((place, one, square), axis=2)
-        moved: NDArray[np.bool_] = np.asarray(changed.astype(np.float32) @ self._between.T > 0.0)
+        moved: NDArray[Any] = np.asarray(changed.astype(np.float32) @ self._between.T)
         bound = np.where(moved.any(axis=0)[self._number], self._bound, -1.0).astype(np.float32)
         frame, first, second = np.nonzero(ours @ np.swapaxes(theirs, 1, 2) < bound)
-        other_than = moved[frame, self._number[first, second]]
+        other_than = moved[frame, self._number[first, second]] > 0.0
         frame, first, second = frame[other_than], first[other_than], second[other_than]
         pair = np.column_stack((geoms[first], geoms[second]))
         # Boxes apart along an axis of the first, then of those that are not, of the second.
