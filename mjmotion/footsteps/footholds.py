@@ -107,6 +107,17 @@ def find_stances(
     return tuple(sorted(stances, key=lambda stance: (stance.start, stance.foot)))
 
 
+def contacts_of(stances: Sequence[Stance], feet: Sequence[Foot]) -> tuple[Contact, ...]:
+    """Return the contacts of heels and toes that stances are made of, in order of their start."""
+    found = [
+        Contact(f"{feet[stance.foot].side}_{part}", *span)
+        for stance in stances
+        for part, span in (("heel", stance.heel), ("toe", stance.toe))
+        if span[1] > span[0]
+    ]
+    return tuple(sorted(found, key=lambda contact: (contact.start, contact.site)))
+
+
 def _span(mask: NDArray[np.bool_], start: int, end: int) -> tuple[int, int]:
     held = start + np.flatnonzero(mask[start:end])
     return (int(held[0]), int(held[-1]) + 1) if len(held) else (0, 0)

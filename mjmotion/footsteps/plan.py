@@ -21,7 +21,13 @@ from mjmotion.fitting import fit
 from mjmotion.footsteps.ankles import relax_ankles
 from mjmotion.footsteps.apart import aside
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
-from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds, find_stances
+from mjmotion.footsteps.footholds import (
+    Foothold,
+    Stance,
+    contacts_of,
+    find_footholds,
+    find_stances,
+)
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift
@@ -150,7 +156,9 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
         share[off] *= 0.5 if halving < _HALVINGS - 1 else 0.0
     source = plan.source
     pose = Kinematics(source.model, source.nframe).forward(source.qpos)
-    return _on_ground(source, pose, plan.contacts, plan.stances, new, scene)
+    # With every heel again that had to give where it stood before.
+    found = contacts_of(plan.stances, feet)
+    return _on_ground(source, pose, found, plan.stances, new, scene)
 
 
 def _off_plane(old: Foothold, new: Foothold) -> float:

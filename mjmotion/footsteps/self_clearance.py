@@ -112,7 +112,8 @@ class SelfClearance:
         ours = np.concatenate((-2.0 * place, square, one), axis=2)
         theirs = np.concatenate((place, one, square), axis=2)
         moved: NDArray[Any] = np.asarray(changed.astype(np.float32) @ self._between.T)
-        bound = np.where(moved.any(axis=0)[self._number], self._bound, -1.0).astype(np.float32)
+        counts = np.asarray(moved.any(axis=0))[self._number]
+        bound = np.where(counts, self._bound, -1.0).astype(np.float32)
         frame, first, second = np.nonzero(ours @ np.swapaxes(theirs, 1, 2) < bound)
         other_than = moved[frame, self._number[first, second]] > 0.0
         frame, first, second = frame[other_than], first[other_than], second[other_than]
