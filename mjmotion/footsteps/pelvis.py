@@ -24,7 +24,7 @@ from mjmotion.body.reach import drop_to_reach
 from mjmotion.fitting import default_levels
 from mjmotion.footsteps.contacts import Contact, contact_mask
 from mjmotion.footsteps.paths import FootPath
-from mjmotion.footsteps.swings import frames_to
+from mjmotion.footsteps.swings import LIFT_PULL, frames_to
 from mjmotion.numerics.bspline import fit_multilevel
 from mjmotion.numerics.rotations import conjugate, exp, multiply, rotate
 from mjmotion.numerics.smoothing import Bound, between, envelope
@@ -41,6 +41,7 @@ ANKLE_SPARE = 0.08  # how far within its range an ankle is planned [rad]
 # Prices of being out of a bound, against being off the feet's mean shift.
 STANDING, ROLLING, HEEL, SWINGING = 4000.0, 50.0, 200.0, 3.0
 MOST_TIP = 0.3  # how much further than in the source a foot may roll on its toe [rad]
+NEAR_TIME = 0.06  # scale in which a swinging foot comes nearer to the hip [s]
 _ROLLS = 2  # times that the roll of a shank is found
 STEEPEST_TOE = 1.1  # how steep a foot may stand on its toe for that [rad]
 TIP_PULL = 60.0  # angular acceleration with which it can begin to [rad/s²]
@@ -101,6 +102,24 @@ def push_offs(
         none if leg is None else leg.push_off(path, shift)
         for leg, path in zip(legs, paths, strict=True)
     ]
+
+
+def within_reach(
+    source: Motion,
+    pose: Pose,
+    paths: Sequence[FootPath],
+    contacts: Sequence[Contact],
+    shift: Array,
+) -> tuple[FootPath, ...]:
+    """Return paths whose swings are nowhere further from the hip than the leg is long.
+
+    A foot in the air asks nothing of the root: it comes to the hip, not the hip to it.
+    """
+    near = []
+    for path in paths:
+        leg = _Leg.of(source, pose, path, contacts, shift)
+        near.append(path if leg is None else leg.within_reach(path, shift))
+    return tuple(near)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -226,3 +245,16 @@ class _Leg:
         most = np.minimum(most, np.maximum(STEEPEST_TOE - pitch, 0.0))
         need = np.where(rolls, np.minimum(angle - near, most), 0.0)
         return envelope(need, self.heel, TIP_TIME * self.source.fps)
+
+    def within_reach(self, path: FootPath, shift: Array) -> FootPath:
+        """Return the path with its swings brought as near to the hip as the leg is long."""
+        away = self.hip + shift * (0.0, 0.0, 1.0) - self.ankle
+        far = np.linalg.norm(away, axis=1)
+        apart = frames_to(self.stance) / self.source.fps
+        most = 0.5 * LIFT_PULL * apart**2
+        need = np.where(self.stance, 0.0, np.minimum(far - self.most, most))
+        if need.max(initial=0.0) <= 0.0:
+            return path
+        pull = envelope(need, self.stance, NEAR_TIME * self.source.fps)
+        move = pull[:, None] * away / np.maximum(far, 1e-9)[:, None]
+        return dataclasses.replace(path, position=path.position + move)

@@ -30,7 +30,7 @@ from mjmotion.footsteps.footholds import (
 )
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
-from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift
+from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.scene import Scene
@@ -192,6 +192,7 @@ def _on_ground(
         for index, (move, tip) in enumerate(zip(moves, tips, strict=True))
     )
     shift = root_shift(source, pose, paths, found)
+    paths = within_reach(source, pose, paths, found, shift)
     relaxed, trimmed = relax_ankles(shifted(source, shift), feet, paths, found)
     if relaxed != paths:
         paths, found = relaxed, trimmed
