@@ -63,12 +63,20 @@ def measure_quality(
     figures = quality.summary(pairs) if pairs else []
     data: dict[str, Any] = {"pairs": [pair.as_dict() for pair in pairs], "skipped": skipped}
     if not clips:
-        print_line("\nquality: walks held back, of other people")
-        held_back, skipped = quality.run(quality.HELD_BACK, scenes, print_line)
-        if held_back:
-            figures.append(quality.held_back_summary(held_back))
-        data["held_back"] = [pair.as_dict() for pair in held_back]
-        data["skipped"] += skipped
+        figures.insert(0, quality.share_summary("tuned on", pairs, least=quality.SHARE))
+        data["held_back"] = []
+        for what, others, where in (
+            ("other people", quality.HELD_BACK, scenes),
+            ("other scenes", quality.TUNED, tuple(quality.OTHER_SCENES)),
+            ("other people on other scenes", quality.HELD_BACK, tuple(quality.OTHER_SCENES)),
+        ):
+            print_line(f"\nquality, held back: {what}")
+            held_back, missing = quality.run(others, where, print_line)
+            if held_back:
+                row = quality.share_summary(f"held back, {what}", held_back, least=quality.SHARE)
+                figures.append(row)
+            data["held_back"] += [pair.as_dict() for pair in held_back]
+            data["skipped"] += missing
     print_line("\nquality, the worst of all")
     return print_figures(figures, print_line), data
 

@@ -24,7 +24,7 @@ from benchmarks import levels, mink_ik, quality, speed, startup  # noqa: E402
 from benchmarks.figures import markdown  # noqa: E402
 
 from mjmotion.apps.adaptation import adapt  # noqa: E402
-from mjmotion.clips import load_clip  # noqa: E402
+from mjmotion.clips import builtin_clips, load_clip  # noqa: E402
 from mjmotion.exceptions import OutputError  # noqa: E402
 from mjmotion.paper.figures import Figure  # noqa: E402
 from mjmotion.paper.job import Job  # noqa: E402
@@ -143,20 +143,27 @@ def test_summary_takes_the_worst_and_counts_misses() -> None:
     assert found["sole penetration"].verdict == "ok"
 
 
-def test_what_is_held_back_is_no_target_and_a_row() -> None:
-    assert len(quality.HELD_BACK) == 13 and not set(quality.HELD_BACK) & set(quality.TUNED)
-    people = {name.partition("_")[0] for name in quality.HELD_BACK}
-    assert not people & {name.partition("_")[0] for name in quality.TUNED}
+def test_what_is_held_back_is_of_other_people_and_a_row() -> None:
+    people = [
+        {name.partition("_")[0] for name in part} for part in (quality.TUNED, quality.HELD_BACK)
+    ]
+    assert not people[0] & people[1] and not set(quality.OTHER_SCENES) & set(quality.SCENES)
+    assert len(people[1]) >= (len(people[0] | people[1]) - len(builtin_clips())) / 3
     fine = dict.fromkeys(THRESHOLDS, 0.0)
     pairs = [
         quality.Pair("a", "slope", fine),
         quality.Pair("b", "slope", fine, broken=("stance_drift_mm",)),
         quality.Pair("c", "slope", {}, error="SceneError: no way"),
     ]
-    held_back = quality.held_back_summary(pairs)
-    assert (held_back.measured, held_back.target, held_back.ok) == ("1 of 3", "", None)
-    assert held_back.in_table
-    assert "stance drift: 1 missed" in held_back.note and "no result: 1 missed" in held_back.note
+    row = quality.share_summary("held back", pairs, least=90.0)
+    assert (row.target, row.ok) == ("≥ 90", False) and row.value == pytest.approx(100.0 / 3.0)
+    assert row.in_table and row.note.startswith("1 of 3; ")
+    assert "stance drift: 1 missed" in row.note and "no result: 1 missed" in row.note
+
+
+def test_scenes_of_other_seeds_are_found_by_name() -> None:
+    for name in quality.OTHER_SCENES:
+        assert quality.find_scene(name).model.ngeom > 0
 
 
 def test_recordings_are_skipped_with_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
