@@ -128,15 +128,18 @@ class StepOver:
         for number, (stance, _) in enumerate(mine):
             before = mine[number - 1][0].end if number > 0 else 0
             after = mine[number + 1][0].start if number + 1 < len(mine) else nframe
-            # Off this stance, and on to it: the swing, and the part of it that may be held.
-            reach_off = stance.end + round(PULL_BACK * (after - stance.end))
-            reach_on = stance.start - round(PULL_BACK * (stance.start - before))
-            for anchor, begin, stop, low, high in (
-                (stance.end - 1, stance.end, after, stance.end - margin, reach_off),
-                (stance.start, before, stance.start, reach_on, stance.start + margin),
+            # Off this stance, and on to it: the swing, and the part of it that may be held; all of
+            # it where the clip shows no stance before or after.
+            first, last = number == 0, number + 1 == len(mine)
+            reach_off = nframe if last else stance.end + round(PULL_BACK * (after - stance.end))
+            reach_on = 0 if first else stance.start - round(PULL_BACK * (stance.start - before))
+            for anchor, begin, stop, low, high, whole in (
+                (stance.end - 1, stance.end, after, stance.end - margin, reach_off, last),
+                (stance.start, before, stance.start, reach_on, stance.start + margin, first),
             ):
                 middle = 0.5 * (begin + stop)
                 mine_too = (stuck <= middle) if anchor < begin else (stuck >= middle)
+                mine_too |= whole
                 frames = stuck[(stuck >= begin) & (stuck < stop) & mine_too]
                 need = self._share_held(position, lift, frames, anchor)
                 if np.isfinite(need).any():
