@@ -20,8 +20,9 @@ from mjmotion.body.kinematics import site_id
 from mjmotion.body.limbs import Limbs
 from mjmotion.body.motion import Motion
 from mjmotion.footsteps.contacts import Contact, contact_mask
+from mjmotion.footsteps.footholds import Foothold, Stance
 from mjmotion.footsteps.paths import FootPath
-from mjmotion.numerics.rotations import conjugate, multiply, rotate
+from mjmotion.numerics.rotations import conjugate, exp, multiply, rotate
 from mjmotion.numerics.smoothing import cover, envelope
 
 Array = NDArray[np.float64]
@@ -30,6 +31,8 @@ MARGIN = 0.03  # how far within its range an ankle is kept [rad]
 GIVE_TIME = 0.06  # how far on either side a giving is felt [s]
 SHORTEST = 0.07  # what is left of a contact is dropped when it is shorter [s]
 MOST_LACK = 0.35  # the most that a foot is turned back at a time [rad]
+MOST_TURN = 0.2  # the most that a foothold is turned for that [rad]
+_SPARE = 0.02  # more than it lacks, for what the root still does [rad]
 _ROUNDS = 3
 _EDGE = 0.002  # of its range that an ankle is never planned to be at [rad]
 SLACK = 0.025  # what an ankle may use of the margin before anything gives [rad]
@@ -72,6 +75,59 @@ def relax_ankles(
     return tuple(given), tuple(left)
 
 
+def turned_footholds(
+    motion: Motion,
+    feet: Sequence[Foot],
+    paths: Sequence[FootPath],
+    stances: Sequence[Stance],
+    footholds: Sequence[Foothold],
+) -> tuple[Foothold, ...]:
+    """Return footholds turned in their planes where a foot is turned in or out too far to stand so.
+
+    One turn a stance, about the middle of the foot: what stands does not pivot.
+
+    Args:
+      motion: the source with its root where it will about be.
+      feet: the feet.
+      paths: one a foot.
+      stances: all stances.
+      footholds: one a stance.
+    """
+    turned = list(footholds)
+    for index, (foot, path) in enumerate(zip(feet, paths, strict=True)):
+        limb, box = motion.character.limb_by_end.get(foot.body), _ankle_box(motion, foot)
+        if limb is None or box is None:
+            continue
+        twist = _ankles(motion, motion.character.chains((limb,)), foot, path)[:, 2]
+        over, under = twist - box[:, 2, 3], box[:, 2, 2] - twist
+        for number, stance in enumerate(stances):
+            if stance.foot != index or stance.heel[1] == stance.heel[0]:
+                continue
+            span = slice(*stance.heel)
+            turn = max(0.0, float(under[span].max())) - max(0.0, float(over[span].max()))
+            if turn == 0.0:
+                continue
+            turn = float(np.clip(turn + np.copysign(_SPARE, turn), -MOST_TURN, MOST_TURN))
+            old = footholds[number]
+            quat = multiply(old.quat, exp(np.array((0.0, 0.0, turn))))
+            middle = 0.5 * (foot.heel + foot.toe)
+            position = old.position + rotate(old.quat, middle) - rotate(quat, middle)
+            turned[number] = dataclasses.replace(old, position=position, quat=quat)
+    return tuple(turned)
+
+
+def _ankles(motion: Motion, limbs: Limbs, foot: Foot, path: FootPath) -> Array:
+    """Return how an ankle is bent (nframe, 3) [rad] where its foot is as its path says."""
+    model = motion.model
+    site = site_id(model, foot.site)
+    state = limbs.state(motion.qpos)
+    end_quat = multiply(path.quat, conjugate(model.site_quat[site]))
+    goal = limbs.goal(state, path.position[:, None], end_quat[:, None], model.site_pos[site][None])
+    end = multiply(conjugate(state.base_quat), end_quat[:, None])
+    displacement = limbs.close(state, goal, end)
+    return swing_twist(limbs.ankle_turn(state, displacement)[:, 0])
+
+
 def _ankle_box(source: Motion, foot: Foot) -> Array | None:
     """Return how far an ankle may bend, and when it must give (nframe, 3, 4) [rad].
 
@@ -107,13 +163,7 @@ def _turn_back(
     no heel off the ground.
     """
     model, (heel, box) = motion.model, allowed
-    site = site_id(model, foot.site)
-    state = limbs.state(motion.qpos)
-    end_quat = multiply(path.quat, conjugate(model.site_quat[site]))
-    goal = limbs.goal(state, path.position[:, None], end_quat[:, None], model.site_pos[site][None])
-    end = multiply(conjugate(state.base_quat), end_quat[:, None])
-    displacement = limbs.close(state, goal, end)
-    ankle = swing_twist(limbs.ankle_turn(state, displacement)[:, 0])
+    ankle = _ankles(motion, limbs, foot, path)
     low, high = box[..., 0], box[..., 1]
     if not ((ankle < box[..., 2]) | (ankle > box[..., 3])).any():
         return None
@@ -131,7 +181,7 @@ def _turn_back(
     if not lack.any():
         return None
     back = multiply(conjugate(from_swing_twist(ankle)), from_swing_twist(ankle + lack))
-    to_site = model.site_quat[site]
+    to_site = model.site_quat[site_id(model, foot.site)]
     back = multiply(multiply(conjugate(to_site), back), to_site)
     quat = multiply(path.quat, back)
     # Always about the toe: the heel goes up, and nothing goes down.

@@ -18,7 +18,7 @@ from mjmotion.constraints import SiteConstraint
 from mjmotion.constraints.shared_targets import SharedMove
 from mjmotion.exceptions import ContactError
 from mjmotion.fitting import fit
-from mjmotion.footsteps.ankles import relax_ankles
+from mjmotion.footsteps.ankles import relax_ankles, turned_footholds
 from mjmotion.footsteps.apart import aside
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.footsteps.footholds import (
@@ -177,20 +177,25 @@ def _on_ground(
     """Plan the ways from foothold to foothold, one a stance."""
     feet, ground = source.character.feet, scene.ground
 
-    def path(index: int, move: Array, tip: Array) -> FootPath:
-        detour = Detour(move, tip)
-        return foot_path(feet[index], index, pose, stances, footholds, ground, source.fps, detour)
+    none = [Detour(np.zeros((source.nframe, 3)), np.zeros(source.nframe)) for _ in feet]
 
-    none = [np.zeros(source.nframe) for _ in feet]
-    still = [np.zeros((source.nframe, 3)) for _ in feet]
-    paths = tuple(path(index, *one) for index, one in enumerate(zip(still, none, strict=True)))
-    moves = aside(feet, paths, pose, source.fps)
+    def planned(holds: Sequence[Foothold], detours: Sequence[Detour]) -> tuple[FootPath, ...]:
+        return tuple(
+            foot_path(foot, index, pose, stances, holds, ground, source.fps, detours[index])
+            for index, foot in enumerate(feet)
+        )
+
+    # What feet, ankles and root ask of each other, each told once, the firmest first.
+    paths = planned(footholds, none)
     shift = root_shift(source, pose, paths, found, ROLLING)
+    turned = turned_footholds(shifted(source, shift), feet, paths, stances, footholds)
+    if any(new is not old for new, old in zip(turned, footholds, strict=True)):
+        footholds, paths = turned, planned(turned, none)
+    moves = aside(feet, paths, pose, source.fps)
     tips = push_offs(source, pose, paths, found, shift)
-    paths = tuple(
-        path(index, move, tip) if move.any() or tip.any() else paths[index]
-        for index, (move, tip) in enumerate(zip(moves, tips, strict=True))
-    )
+    detours = [Detour(*one) for one in zip(moves, tips, strict=True)]
+    if any(one.aside.any() or one.tip.any() for one in detours):
+        paths = planned(footholds, detours)
     shift = root_shift(source, pose, paths, found)
     paths = within_reach(source, pose, paths, found, shift)
     relaxed, trimmed = relax_ankles(shifted(source, shift), feet, paths, found)
