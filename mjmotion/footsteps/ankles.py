@@ -36,7 +36,7 @@ _SPARE = 0.02  # more than it lacks, for what the root still does [rad]
 _ROUNDS = 3
 _EDGE = 0.002  # of its range that an ankle is never planned to be at [rad]
 SLACK = 0.025  # what an ankle may use of the margin before anything gives [rad]
-_LIFTED = 5e-4  # a heel this far off its foothold no longer stands [m]
+_LIFTED = 2e-4  # a heel this far off its foothold no longer stands [m]
 
 
 def relax_ankles(

@@ -39,7 +39,7 @@ HEIGHT_TIME = 0.22  # τ of the root's height [s]
 PLANE_TIME = 0.3  # τ of its way over the plane, which only follows the feet [s]
 ANKLE_SPARE = 0.08  # how far within its range an ankle is planned [rad]
 # Prices of being out of a bound, against being off the feet's mean shift.
-STANDING, ROLLING, HEEL, SWINGING = 4000.0, 50.0, 200.0, 3.0
+STANDING, ROLLING, HEEL, SWINGING = 40000.0, 50.0, 200.0, 3.0
 MOST_TIP = 0.3  # how much further than in the source a foot may roll on its toe [rad]
 NEAR_TIME = 0.06  # scale in which a swinging foot comes nearer to the hip [s]
 _ROLLS = 2  # times that the roll of a shank is found
