@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from made_up import character, walk
 
-from mjmotion.body.kinematics import Kinematics, Pose
+from mjmotion.body.kinematics import Kinematics, Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.footsteps.apart import ASIDE_PULL, BESIDE, aside
-from mjmotion.footsteps.contacts import detect_contacts
+from mjmotion.footsteps.contacts import Contact, detect_contacts
 from mjmotion.footsteps.footholds import (
+    CROSSING,
     FEET_APART,
     Foothold,
     Stance,
@@ -103,6 +104,18 @@ def test_feet_that_pass_with_room_go_straight() -> None:
     assert len(aside(one, paths[:1], pose, motion.fps)) == 1
 
 
+def test_feet_that_brush_in_the_source_may_do_so() -> None:
+    motion, pose, _ = flat_walk()
+    paths, places = narrowed(0.08), pose.site_xpos.copy()
+    for path, foot in zip(paths, motion.character.feet, strict=True):
+        places[:, site_id(motion.model, foot.site)] = path.position
+    narrow = dataclasses.replace(pose, site_xpos=places)
+    before, _ = gap(paths)
+    assert before.max() < 0.5 * BESIDE
+    for move in aside(motion.character.feet, paths, narrow, motion.fps):
+        assert np.abs(move).max() < CLOSE
+
+
 # Footholds
 
 
@@ -137,11 +150,11 @@ def test_two_feet_do_not_stand_on_one_stone() -> None:
 def test_a_stone_ahead_may_be_across() -> None:
     """Behind or before the other a foot may cross over, by some centimetres."""
     feet = character().feet
-    left, right = stance(0.0, 0.06, 0, 0), stance(0.24, -0.02, 1, 8)
-    stones = ground(stone(0.0, 0.06) + stone(0.36, -0.02))
+    left, right = stance(0.0, 0.06, 0, 0), stance(0.24, -0.08, 1, 8)
+    stones = ground(stone(0.0, 0.06) + stone(0.36, -0.03))
     mine, other = soles(find_footholds((left, right), feet, stones, 0.0))
     assert other[:, 0].min() > mine[:, 0].max()
-    assert mine[:, 1].min() - other[:, 1].max() < FEET_APART
+    assert -CROSSING < mine[:, 1].min() - other[:, 1].max() < FEET_APART
 
 
 def test_a_narrow_source_may_stand_as_narrow() -> None:
@@ -158,6 +171,13 @@ def test_stances_give_back_their_contacts() -> None:
     again = contacts_of(find_stances(motion, pose, feet, contacts), feet)
     assert set(again) == set(contacts)
     assert [c.start for c in again] == sorted(c.start for c in again)
+    toe = dataclasses.replace(stance(0.0, 0.0, 1, 0), heel=(0, 0), toe=(4, 9))
+    rolled = dataclasses.replace(stance(0.0, 0.0, 0, 0), heel=(2, 5), toe=(3, 9))
+    assert contacts_of((toe, rolled), feet) == (
+        Contact("left_heel", 2, 5),
+        Contact("left_toe", 3, 9),
+        Contact("right_toe", 4, 9),
+    )
 
 
 # A swing next to a riser

@@ -102,6 +102,22 @@ def test_away_from_the_door_nothing_changes(name: str) -> None:
     assert off[:, :3].max() < SAME and off.max() < 4.0 * SAME
 
 
+def test_a_body_bows_over_its_feet() -> None:
+    """Hips go back as the trunk comes forwards: most of the body's weight stays where it was."""
+    motion = clip()
+    found = find_obstacles(scene("door").model, motion.qpos[:, :3], ())
+    bowed = bow(motion, ObstacleClearance(motion.character, found, motion.nframe).overhead())
+    data, ahead = mujoco.MjData(motion.model), np.zeros(motion.nframe)
+    for one, sign in ((bowed, 1.0), (motion, -1.0)):
+        for frame, pose in enumerate(one.qpos):
+            data.qpos[:] = pose
+            mujoco.mj_kinematics(one.model, data)
+            mujoco.mj_comPos(one.model, data)
+            ahead[frame] += sign * data.subtree_com[0, 0]
+    back = motion.qpos[:, 0] - bowed.qpos[:, 0]
+    assert back.max() > 0.06 and ahead.min() > -0.01 and ahead.max() < 0.05
+
+
 def test_nothing_overhead_nothing_bowed() -> None:
     motion = clip()
     high = doors((Doorway(x=DOOR, height=2.2, width=1.2),), base=flat())
