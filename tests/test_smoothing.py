@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjmotion.numerics.smoothing import blend, envelope, fade
+from mjmotion.numerics.smoothing import Bound, between, blend, envelope, fade
 
 CLOSE = 1e-8
 BELOW = 2e-4  # how far under a wanted height an envelope may stay [m]
@@ -122,3 +122,89 @@ def test_envelope_is_smooth_and_wide() -> None:
     assert curve[57] > 0.05 and curve[63] > 0.05
     assert np.abs(np.diff(curve, n=3)).max() < 0.01
     assert curve[[0, 119]].max() < 1e-3
+
+
+def dense_between(values: np.ndarray, time: float, bounds: list[Bound]) -> np.ndarray:
+    """The same as bounded least squares: max(0, x)² is the least of (x + t)² over t >= 0."""
+    from scipy.optimize import lsq_linear
+
+    nframe = len(values)
+    smooth = time**3 * np.diff(np.eye(nframe), n=3, axis=0)
+    rows, right, prices = [smooth, np.eye(nframe)], [np.zeros(len(smooth)), values], []
+    for bound in bounds:
+        frames = np.flatnonzero(bound.frames & np.isfinite(bound.value))
+        root = np.sqrt(bound.price)
+        sided = root if bound.upper else -root
+        rows.append(sided * np.eye(nframe)[frames])
+        right.append(sided * bound.value[frames])
+        prices += len(frames) * [root]
+    pad = np.zeros((len(smooth) + nframe, len(prices)))
+    matrix = np.hstack((np.concatenate(rows), np.concatenate((pad, np.diag(prices)))))
+    low = np.concatenate((np.full(nframe, -np.inf), np.zeros(len(prices))))
+    found = lsq_linear(matrix, np.concatenate(right), (low, np.inf), method="bvls", tol=1e-14)
+    return np.asarray(found.x[:nframe])
+
+
+def some_bounds(rng: np.random.Generator, nframe: int, price: float) -> list[Bound]:
+    """One above and one below, each at some frames, and each at some of those infinite."""
+    upper, lower = rng.normal(0.2, 0.4, nframe), rng.normal(-0.2, 0.4, nframe)
+    upper[rng.random(nframe) < 0.3], lower[rng.random(nframe) < 0.3] = np.inf, -np.inf
+    return [
+        Bound(upper, rng.random(nframe) < 0.5, price, upper=True),
+        Bound(lower, rng.random(nframe) < 0.5, 0.3 * price, upper=False),
+    ]
+
+
+@SOME
+@given(
+    seed=st.integers(0, 10_000),
+    time=st.sampled_from((0.5, 1.2, 3.0)),
+    price=st.sampled_from((3.0, 200.0)),
+)
+def test_between_is_the_minimum(seed: int, time: float, price: float) -> None:
+    rng = np.random.default_rng(seed)
+    values = rng.normal(size=30)
+    kept, bounds = values.copy(), some_bounds(rng, 30, price)
+    wanted = dense_between(values, time, bounds)
+    np.testing.assert_allclose(between(values, time, bounds), wanted, atol=1e-5)
+    np.testing.assert_array_equal(values, kept)
+
+
+@pytest.mark.parametrize("time", [0.5, 4.0])
+def test_between_without_bounds_is_the_linear_solve(time: float) -> None:
+    values = np.random.default_rng(3).normal(size=40)
+    wanted = np.linalg.solve(energy(40, 1.0, 0.0, 0.0, time**6), values)
+    np.testing.assert_allclose(between(values, time), wanted, atol=CLOSE)
+    # Bounds that do not count are none: at no frame, without a value, or already kept.
+    far, none, every = np.full(40, 9.0), np.zeros(40, bool), np.ones(40, bool)
+    idle = [
+        Bound(-far, none, 1e4, upper=True),
+        Bound(np.full(40, np.inf), every, 1e4, upper=True),
+        Bound(np.full(40, -np.inf), every, 1e4, upper=True),  # what nothing can keep
+        Bound(np.full(40, -np.inf), every, 1e4, upper=False),
+        Bound(far, every, 1e4, upper=True),
+    ]
+    np.testing.assert_allclose(between(values, time, idle), wanted, atol=CLOSE)
+
+
+def test_between_keeps_what_is_dear_and_gives_up_what_is_cheap() -> None:
+    values, frames = np.zeros(80), np.zeros(80, dtype=bool)
+    frames[30:50] = True
+    low, high = np.full(80, -0.3), np.full(80, 0.2)
+    both = [Bound(low, frames, 1e7, upper=True), Bound(high, frames, 10.0, upper=False)]
+    curve = between(values, 4.0, both)
+    assert (curve[frames] < -0.3 + 1e-4).all()
+    assert np.abs(curve[[0, 79]]).max() < 0.02  # and all else is as it was
+    assert np.abs(np.diff(curve, n=3)).max() < 0.02
+
+
+@pytest.mark.parametrize("nframe", [1, 4, 5])
+def test_between_of_few_frames(nframe: int) -> None:
+    values = np.linspace(0.0, 1.0, nframe) ** 2
+    bound = Bound(np.full(nframe, -1.0), np.ones(nframe, bool), 1e6, upper=True)
+    curve = between(values, 2.0, [bound])
+    assert curve.shape == values.shape and curve is not values
+    if nframe < 5:
+        np.testing.assert_array_equal(curve, values)
+    else:
+        np.testing.assert_allclose(curve, -1.0, atol=1e-3)
