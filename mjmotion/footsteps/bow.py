@@ -25,8 +25,8 @@ from mjmotion.numerics.tangent import oplus
 
 Array = NDArray[np.float64]
 
-DEEPEST = 1.05  # the most that a trunk is bent forwards [rad]
-RUNG = 0.15  # steps in which it is tried how far it must be [rad]
+DEEPEST = 0.9  # the most that a trunk is bent forwards [rad]
+RUNG = 0.1  # steps in which it is tried how far it must be [rad]
 BOW_TIME = 0.16  # scale of a bow's rise and fall [s]
 EARLY = 0.1  # a bow is whole so long before and after it must be [s]
 SINK_TIME = 0.16  # the same of the root's sinking [s]

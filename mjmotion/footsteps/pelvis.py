@@ -41,7 +41,7 @@ ANKLE_SPARE = 0.08  # how far within its range an ankle is planned [rad]
 # Prices of being out of a bound, against being off the feet's mean shift.
 STANDING, ROLLING, HEEL, SWINGING = 40000.0, 50.0, 200.0, 3.0
 MOST_TIP = 0.3  # how much further than in the source a foot may roll on its toe [rad]
-NEAR_TIME = 0.06  # scale in which a swinging foot comes nearer to the hip [s]
+NEAR_TIME = 0.06  # scale in which a swinging foot is lifted nearer to the hip [s]
 _ROLLS = 2  # times that the roll of a shank is found
 STEEPEST_TOE = 1.1  # how steep a foot may stand on its toe for that [rad]
 TIP_PULL = 60.0  # angular acceleration with which it can begin to [rad/s²]
@@ -113,7 +113,7 @@ def within_reach(
 ) -> tuple[FootPath, ...]:
     """Return paths whose swings are nowhere further from the hip than the leg is long.
 
-    A foot in the air asks nothing of the root: it comes to the hip, not the hip to it.
+    A foot in the air asks nothing of the root: it is lifted, and the hip goes its way.
     """
     near = []
     for path in paths:
@@ -247,14 +247,14 @@ class _Leg:
         return envelope(need, self.heel, TIP_TIME * self.source.fps)
 
     def within_reach(self, path: FootPath, shift: Array) -> FootPath:
-        """Return the path with its swings brought as near to the hip as the leg is long."""
-        away = self.hip + shift * (0.0, 0.0, 1.0) - self.ankle
-        far = np.linalg.norm(away, axis=1)
+        """Return the path with its swings lifted to where the leg reaches them."""
+        least = LEAST_HEIGHT * float(self.source.character.chains((self.limb,)).reach[0])
+        hip = self.hip + shift * (0.0, 0.0, 1.0)
         apart = frames_to(self.stance) / self.source.fps
-        most = 0.5 * LIFT_PULL * apart**2
-        need = np.where(self.stance, 0.0, np.minimum(far - self.most, most))
+        lack = drop_to_reach(hip, self.ankle, self.most, least)
+        need = np.where(self.stance, 0.0, np.minimum(lack, 0.5 * LIFT_PULL * apart**2))
         if need.max(initial=0.0) <= 0.0:
             return path
-        pull = envelope(need, self.stance, NEAR_TIME * self.source.fps)
-        move = pull[:, None] * away / np.maximum(far, 1e-9)[:, None]
-        return dataclasses.replace(path, position=path.position + move)
+        lift = envelope(need, self.stance, NEAR_TIME * self.source.fps)
+        move = lift[:, None] * np.array((0.0, 0.0, 1.0))
+        return dataclasses.replace(path, position=path.position + move, lift=path.lift + lift)
