@@ -12,6 +12,7 @@ from made_up import STEP_TIME, SWING_TIME, foot_track, humanoid, walk
 from numpy.typing import ArrayLike
 
 from mjmotion.body.motion import Motion
+from mjmotion.clips import load_clip
 from mjmotion.exceptions import ContactError, ModelError
 from mjmotion.footsteps.contacts import (
     Contact,
@@ -24,6 +25,7 @@ from mjmotion.footsteps.contacts import (
     load_contacts,
     save_contacts,
 )
+from mjmotion.numerics.rotations import exp, multiply, rotate
 
 PHASE = 0.07  # how far a found heel strike or toe-off may be from the true one [s]
 RATES = (30.0, 60.0, 120.0)
@@ -146,6 +148,27 @@ def test_short_contacts_go_and_gaps_close() -> None:
     hop[100:104, 0] = hop[102, 0]
     spans = [(c.start, c.end) for c in detect_contacts(motion(hop, fps=fps)) if "left" in c.site]
     assert len(spans) == 2 and spans[0][0] == 0 and spans[1][1] == 240
+
+
+@pytest.mark.parametrize("degrees", [-7.0, 4.0, 7.0])
+def test_a_tilted_floor_has_the_contacts_of_a_level_one(degrees: float) -> None:
+    level = load_clip("walk")
+    turn = exp(np.array((0.0, np.radians(degrees), 0.0)))
+    qpos = np.array(level.qpos)
+    qpos[:, :3] = rotate(turn, qpos[:, :3])
+    qpos[:, 3:7] = multiply(turn, qpos[:, 3:7])
+    assert detect_contacts(level.replace(qpos)) == detect_contacts(level)
+
+
+def test_a_heel_on_a_slope_stands_beside_its_toe() -> None:
+    """One foot standing still on a wedge: nothing tells a floor, but the whole foot rests."""
+    motion = walk()
+    qpos = np.tile(motion.qpos[:1], (60, 1))
+    turn = exp(np.array((0.0, np.radians(6.0), 0.0)))
+    qpos[:, :3] = rotate(turn, qpos[:, :3])
+    qpos[:, 3:7] = multiply(turn, qpos[:, 3:7])
+    found = {contact.site for contact in detect_contacts(motion.replace(qpos))}
+    assert {"left_heel", "left_toe"} <= found or {"right_heel", "right_toe"} <= found
 
 
 def test_one_frame_and_no_sites() -> None:

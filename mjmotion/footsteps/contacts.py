@@ -26,6 +26,9 @@ from mjmotion.exceptions import ContactError, wrong_type
 
 Array = NDArray[np.float64]
 
+_FLOOR_POINTS = 20  # places of standing sites that tell a floor at least
+_FLOOR_SPREAD = 0.015  # how far they must spread either way [m]
+_FLOOR_TILTED = 3.0  # how much nearer to a tilted plane than to a level one they must be
 _SUFFIXES = ("_heel", "_toe")
 
 
@@ -58,6 +61,8 @@ class ContactSettings:
       gap: two contacts of a site closer than this are one [s].
       smoothing: positions are averaged over this time before speeds are taken [s].
       window: the ground is the lowest support within this time on either side [s].
+      still: slower than this, all sites of a foot stand as the floor lies [m/s].
+      tilt: how much higher than its lowest site a site of a foot may stand on a tilted floor [m].
     """
 
     low: float = 0.02
@@ -69,6 +74,8 @@ class ContactSettings:
     gap: float = 0.05
     smoothing: float = 1.0 / 30.0
     window: float = 0.6
+    still: float = 0.1
+    tilt: float = 0.04
 
 
 def contact_sites(model: mujoco.MjModel) -> list[str]:
@@ -105,6 +112,7 @@ def detect_contacts(
     position = _moving_average(pose.site_xpos[:, ids], settings.smoothing * motion.fps)
     speed = _speed(position, motion.fps)
     bodies = motion.model.site_bodyid[ids]
+    position = position - [0.0, 0.0, 1.0] * _floor(position, speed, bodies, settings)[..., None]
     grounds = {
         body: _ground(
             position[:, bodies == body, 2], speed[:, bodies == body], settings, motion.fps
@@ -113,7 +121,12 @@ def detect_contacts(
     }
     found = []
     for column, name in enumerate(chosen):
-        height = position[:, column, 2] - grounds[bodies[column]]
+        foot = bodies == bodies[column]
+        ground = grounds[bodies[column]]
+        ground = ground + _tilt(
+            position[:, column, 2] - ground, speed[:, foot], settings, motion.fps
+        )
+        height = position[:, column, 2] - ground
         pace = speed[:, column]
         begin = (height < settings.low) & (pace < settings.slow)
         stay = (height < settings.high) & (pace < settings.fast)
@@ -159,6 +172,54 @@ def _ground(height: Array, speed: Array, settings: ContactSettings, fps: float) 
         return np.full(len(height), height.min())
     filled = np.interp(np.arange(len(height)), known, lowest[known])
     return np.asarray(uniform_filter1d(filled, max(1, size // 2), mode="nearest"))
+
+
+def _floor(
+    position: Array, speed: Array, bodies: NDArray[np.int32], settings: ContactSettings
+) -> Array:
+    """Return the height of a floor that is one tilted plane, under sites (nframe, k) [m].
+
+    Zero unless the places where whole feet stand still are all but on such a plane, and not on a
+    level one.
+    """
+    still = np.zeros(speed.shape, dtype=bool)
+    for body in np.unique(bodies):
+        mine = bodies == body
+        still[:, mine] = (speed[:, mine] < settings.still).all(axis=1, keepdims=True)
+    flat = np.zeros(speed.shape)
+    points = position[still]
+    if len(points) < _FLOOR_POINTS:
+        return flat
+    centre = points.mean(axis=0)
+    away = points - centre
+    if np.linalg.svd(away[:, :2], compute_uv=False)[-1] < _FLOOR_SPREAD * np.sqrt(len(points)):
+        return flat
+    slope = np.linalg.lstsq(away[:, :2], away[:, 2], rcond=None)[0]
+    off = float(np.sqrt(np.mean((away[:, 2] - away[:, :2] @ slope) ** 2)))
+    level = float(np.sqrt(np.mean(away[:, 2] ** 2)))
+    if off > settings.rise or level < _FLOOR_TILTED * off or level < settings.rise:
+        return flat
+    return np.asarray((position[..., :2] - centre[:2]) @ slope)
+
+
+def _tilt(height: Array, speed: Array, settings: ContactSettings, fps: float) -> Array:
+    """How much higher a site stands than its foot's lowest does (nframe,) [m], on a tilted floor.
+
+    Told where the whole foot stands still, within the window; elsewhere nothing is.
+
+    Args:
+      height: (nframe,) of the site, over its foot's ground [m].
+      speed: (nframe, k) of all the foot's sites [m/s].
+      settings: thresholds.
+      fps: frames a second.
+    """
+    from scipy.ndimage import minimum_filter1d, uniform_filter1d
+
+    still = (speed < settings.still).all(axis=1) & (height < settings.tilt)
+    size = 2 * round(settings.window * fps) + 1
+    lowest = minimum_filter1d(np.where(still, height, np.inf), size, mode="nearest")
+    known = np.clip(np.where(np.isfinite(lowest), lowest, 0.0), 0.0, settings.tilt)
+    return np.asarray(uniform_filter1d(known, max(1, size // 4), mode="nearest"))
 
 
 def hysteresis(begin: NDArray[np.bool_], stay: NDArray[np.bool_]) -> list[tuple[int, int]]:
