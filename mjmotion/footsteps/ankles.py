@@ -22,8 +22,9 @@ from mjmotion.body.motion import Motion
 from mjmotion.footsteps.contacts import Contact, contact_mask
 from mjmotion.footsteps.footholds import Foothold, Stance
 from mjmotion.footsteps.paths import FootPath
+from mjmotion.footsteps.swings import frames_to
 from mjmotion.numerics.rotations import conjugate, exp, multiply, rotate
-from mjmotion.numerics.smoothing import cover, envelope
+from mjmotion.numerics.smoothing import cover, ease
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,7 @@ MOST_LACK = 0.35  # the most that a foot is turned back at a time [rad]
 MOST_TURN = 0.2  # the most that a foothold is turned for that [rad]
 _SPARE = 0.02  # more than it lacks, for what the root still does [rad]
 _ROUNDS = 3
+_FREE = 2.0  # times GIVE_TIME after which a foot that left the ground turns as it likes
 _EDGE = 0.002  # of its range that an ankle is never planned to be at [rad]
 SLACK = 0.025  # what an ankle may use of the margin before anything gives [rad]
 _LIFTED = 2e-4  # a heel this far off its foothold no longer stands [m]
@@ -171,13 +173,17 @@ def _turn_back(
     ankle = np.clip(ankle, low - MOST_LACK, high + MOST_LACK)
     lack = np.zeros_like(ankle)
     time = GIVE_TIME * motion.fps
+    free = ease(frames_to(heel) / (_FREE * time))
     for axis in range(3):
         for sign, over in (
             (1.0, (low - ankle)[:, axis]),
             (-1.0, (ankle - high)[:, axis]),
         ):
+            if over.max() <= 0.0:
+                continue
             given = cover(np.where(heel, over, 0.0), time)
-            lack[:, axis] += sign * (given + envelope(over - given, heel, time))
+            rest = cover(np.where(heel, 0.0, over - given), time) * free
+            lack[:, axis] += sign * (given + rest)
     if not lack.any():
         return None
     back = multiply(conjugate(from_swing_twist(ankle)), from_swing_twist(ankle + lack))

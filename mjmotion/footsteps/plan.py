@@ -177,25 +177,22 @@ def _on_ground(
     """Plan the ways from foothold to foothold, one a stance."""
     feet, ground = source.character.feet, scene.ground
 
-    none = [Detour(np.zeros((source.nframe, 3)), np.zeros(source.nframe)) for _ in feet]
-
-    def planned(holds: Sequence[Foothold], detours: Sequence[Detour]) -> tuple[FootPath, ...]:
-        return tuple(
-            foot_path(foot, index, pose, stances, holds, ground, source.fps, detours[index])
-            for index, foot in enumerate(feet)
-        )
+    def planned(index: int, holds: Sequence[Foothold], detour: Detour | None = None) -> FootPath:
+        return foot_path(feet[index], index, pose, stances, holds, ground, source.fps, detour)
 
     # What feet, ankles and root ask of each other, each told once, the firmest first.
-    paths = planned(footholds, none)
+    paths = tuple(planned(index, footholds) for index in range(len(feet)))
     shift = root_shift(source, pose, paths, found, ROLLING)
     turned = turned_footholds(shifted(source, shift), feet, paths, stances, footholds)
     if any(new is not old for new, old in zip(turned, footholds, strict=True)):
-        footholds, paths = turned, planned(turned, none)
+        footholds = turned
+        paths = tuple(planned(index, footholds) for index in range(len(feet)))
     moves = aside(feet, paths, pose, source.fps)
     tips = push_offs(source, pose, paths, found, shift)
-    detours = [Detour(*one) for one in zip(moves, tips, strict=True)]
-    if any(one.aside.any() or one.tip.any() for one in detours):
-        paths = planned(footholds, detours)
+    paths = tuple(
+        planned(index, footholds, Detour(move, tip)) if move.any() or tip.any() else paths[index]
+        for index, (move, tip) in enumerate(zip(moves, tips, strict=True))
+    )
     shift = root_shift(source, pose, paths, found)
     paths = within_reach(source, pose, paths, found, shift)
     relaxed, trimmed = relax_ankles(shifted(source, shift), feet, paths, found)
