@@ -148,6 +148,8 @@ def with_arms_clear(
     shoulders = np.any(moved, axis=0) & ~np.all(moved, axis=0)
     rigidity[~shoulders] = _STILL
     pushed = pushed_clear(result.motion, near, keep, levels[len(levels) // 2 :], rigidity=rigidity)
+    if obstacles is not None and _depth(obstacles, pushed) > _depth(obstacles, result.motion):
+        return _taking(result, began)  # no room between the body and a wall
     looked = dataclasses.replace(_taking(result, began), motion=pushed)
     if not near:
         return looked
@@ -156,6 +158,12 @@ def with_arms_clear(
         pushed, asked_for, levels=[FINEST], ik=solver, clearance=obstacles, first_guess=False
     )
     return dataclasses.replace(again, trace=whole((looked.trace, again.trace)))
+
+
+def _depth(obstacles: ObstacleClearance, motion: Motion) -> float:
+    """Return how deep a motion is in the true obstacles at most, to a tenth of a millimetre [m]."""
+    depth, _, _ = obstacles.inside(motion.qpos)
+    return round(float(depth.max(initial=0.0)), 4)
 
 
 def _arms(character: Character) -> set[int]:
