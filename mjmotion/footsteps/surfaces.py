@@ -43,7 +43,6 @@ class Surface:
       heights: (nrow, ncol) over the frame [m], rows along +y; minus infinity where there is none.
       corner: (2,) where the first one is in the frame [m].
       cell: (2,) distance of columns and rows [m].
-      steepest: least upward part of a normal that counts; what is steeper is not of it.
       tops: (nrow, ncol) the highest within :data:`_REACH` geoms' radii [m].
     """
 
@@ -53,7 +52,6 @@ class Surface:
     corner: Array
     cell: Array
     tops: Array
-    steepest: float = 0.0
 
     @property
     def endless(self) -> bool:
@@ -102,7 +100,7 @@ class Surface:
             slope_y = 0.5 * ((back - low) + (high - right)) / self.cell[1]
             upward = 1.0 / np.sqrt(1.0 + slope_x**2 + slope_y**2)
             known = np.isfinite(height) & ((at >= 0.0) & (at <= shape - 1)).all(axis=1)
-            known &= upward > self.steepest
+            known &= upward > STEEPEST
             normal = np.column_stack((-slope_x, -slope_y, np.ones_like(upward))) * upward[:, None]
             distance = np.where(known, (points[:, 2] - height) * upward, np.inf)
         return distance, np.where(known[:, None], normal, 0.0)
