@@ -99,9 +99,10 @@ def pushed_clear(
     qpos, frames = np.array(motion.qpos), np.arange(motion.nframe)
     targets = lay_out(constraints, motion.model, motion.nframe).over_all_frames(motion.nframe)
     solver = NumericIK(motion.character, rigidity, iterations=1)  # the rounds are its iterations
+    look = frames  # what has not moved lacks what it lacked
     for frames_per_knot in levels:
         for _ in range(rounds):
-            near = np.unique(clearance(qpos, frames).frame)
+            near = look[np.unique(clearance(qpos[look], look).frame)]
             if len(near) == 0:
                 return motion.replace(qpos)
 
@@ -111,5 +112,7 @@ def pushed_clear(
                 return fit_level(at, solution.displacement, motion.nframe, knots)
 
             problem = solver.prepare(targets.at(near), clearance)
+            before = qpos
             qpos = run_level(motion.character, qpos, near, problem.solve, spline).qpos
+            look = np.flatnonzero((qpos != before).any(axis=1))
     return motion.replace(qpos)
