@@ -124,7 +124,7 @@ def test_on_level_ground_little_changes() -> None:
 def test_both_solvers_agree() -> None:
     one, other = adapted("slope"), adapted("slope", "numeric")
     apart = ominus(humanoid(), one.motion.qpos, other.motion.qpos)
-    assert np.abs(apart[:, :3]).max() < 0.01  # [m]
+    assert np.abs(apart[:, :3]).max() < 0.02  # [m]
     assert np.abs(apart).max() < 0.15 and np.abs(apart).mean() < 0.01  # [rad]
     drift, gap = drift_and_gap(other, scene("slope"))
     assert drift < DRIFT and gap < GAP
