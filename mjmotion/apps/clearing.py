@@ -64,8 +64,8 @@ def past_obstacles(
     start = _duck(result.motion, constraints, clearance, settings.levels)
     if start is result.motion:
         return result
+    looked = _taking(result, began)
     settings.progress("fit", 0, 0)
-    ducked = time.perf_counter() - began
     again = fit(
         start,
         constraints,
@@ -76,9 +76,7 @@ def past_obstacles(
         first_guess=False,
         progress=settings.progress,
     )
-    trace = whole((result.trace, again.trace))
-    trace = dataclasses.replace(trace, fit_seconds=ducked + trace.fit_seconds)
-    return dataclasses.replace(again, trace=trace)
+    return dataclasses.replace(again, trace=whole((looked.trace, again.trace)))
 
 
 def _duck(
@@ -148,6 +146,7 @@ def with_arms_clear(
     shoulders = np.any(moved, axis=0) & ~np.all(moved, axis=0)
     rigidity[~shoulders] = _STILL
     pushed = pushed_clear(result.motion, near, keep, levels[len(levels) // 2 :], rigidity=rigidity)
+    pushed = pushed.replace(source.character.within_limits(pushed.qpos))
     if obstacles is not None and _depth(obstacles, pushed) > _depth(obstacles, result.motion):
         return _taking(result, began)  # no room between the body and a wall
     looked = dataclasses.replace(_taking(result, began), motion=pushed)

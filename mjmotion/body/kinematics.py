@@ -334,6 +334,12 @@ class Kinematics:
         return Pose(self.model, kinds=self._kinds, **field)
 
 
+def level_side(pose: Pose) -> Array:
+    """Return the root's own axis to the left, made level, at each frame (n, 3)."""
+    side = pose.xmat[:, pose.model.jnt_bodyid[0], :, 1] * (1.0, 1.0, 0.0)
+    return np.asarray(side / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9))
+
+
 class RayCaster:
     """Rays against the static geoms of a model, on all cores.
 

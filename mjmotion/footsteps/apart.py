@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.feet import Foot
-from mjmotion.body.kinematics import Pose, site_id
+from mjmotion.body.kinematics import Pose, level_side, site_id
 from mjmotion.footsteps.paths import FootPath
 from mjmotion.footsteps.swings import frames_to
 from mjmotion.numerics.rotations import from_matrix, rotate
@@ -42,8 +42,7 @@ def aside(feet: Sequence[Foot], paths: Sequence[FootPath], pose: Pose, fps: floa
     moves = [np.zeros((nframe, 3)) for _ in feet]
     if len(feet) != 2:
         return moves
-    side = pose.xmat[:, int(pose.model.jnt_bodyid[0]), :, 1] * (1.0, 1.0, 0.0)
-    side = side / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
+    side = level_side(pose)
     source = [_shapes(foot, *_placed(pose, foot)) for foot in feet]
     planned = [
         _shapes(foot, path.position, path.quat) for foot, path in zip(feet, paths, strict=True)
@@ -74,7 +73,7 @@ def _shapes(foot: Foot, position: Array, quat: Array) -> Array:
 
 
 def _apart(first: Array, second: Array, side: Array) -> tuple[Array, Array]:
-    """How far the first sole is beside the second (nframe,), and behind or before it [m].
+    """How far the first foot is beside the second (nframe,), and behind or before it [m].
 
     Beside: from the outermost point of the second to the innermost of the first along ``side``.
     """

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.kinematics import Kinematics, Pose
+from mjmotion.body.kinematics import Kinematics, Pose, level_side
 from mjmotion.body.motion import Motion
 from mjmotion.body.parts import Parts
 from mjmotion.exceptions import ModelError
@@ -93,7 +93,7 @@ class _Bowing:
         self._motion = motion
         self._kinematics = Kinematics(motion.model, motion.nframe)
         pose = self._kinematics.forward(motion.qpos)
-        side = _side(pose, int(motion.model.jnt_bodyid[0]))
+        side = level_side(pose)
         self._forward = cross(side, np.array((0.0, 0.0, 1.0)))
         self._unit = _unit(motion, parts, pose, side)
         self._com = _centre_of_mass(pose)
@@ -126,12 +126,6 @@ class _Bowing:
                 break
         rest[rest < _SLACK] = 0.0
         return most, rest
-
-
-def _side(pose: Pose, root: int) -> Array:
-    """Return the level axis to the left of a body at each frame (nframe, 3)."""
-    side = pose.xmat[:, root, :, 1] * (1.0, 1.0, 0.0)
-    return np.asarray(side / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9))
 
 
 def _centre_of_mass(pose: Pose) -> Array:

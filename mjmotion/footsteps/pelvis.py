@@ -41,11 +41,11 @@ ANKLE_SPARE = 0.08  # how far within its range an ankle is planned [rad]
 # Prices of being out of a bound, against being off the feet's mean shift.
 STANDING, ROLLING, HEEL, SWINGING = 40000.0, 50.0, 200.0, 3.0
 MOST_TIP = 0.3  # how much further than in the source a foot may roll on its toe [rad]
-NEAR_TIME = 0.1  # scale in which a swinging foot is lifted nearer to the hip [s]
+NEAR_TIME = 0.06  # scale in which a swinging foot is lifted nearer to the hip [s]
 _ROLLS = 2  # times that the roll of a shank is found
 STEEPEST_TOE = 1.1  # how steep a foot may stand on its toe for that [rad]
 TIP_PULL = 60.0  # angular acceleration with which it can begin to [rad/s²]
-TIP_TIME = 0.12  # scale of the rise and fall of that [s]
+TIP_TIME = 0.08  # scale of the rise and fall of that [s]
 
 
 def root_shift(
