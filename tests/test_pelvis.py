@@ -14,16 +14,23 @@ from mjmotion.body.feet import Foot
 from mjmotion.body.kinematics import Kinematics, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
-from mjmotion.footsteps.ankles import SHORTEST, trim_heel_contacts
+from mjmotion.footsteps.ankles import (
+    SHORTEST,
+    flat_landings,
+    relax_ankles,
+    trim_heel_contacts,
+)
 from mjmotion.footsteps.contacts import Contact, contact_mask
+from mjmotion.footsteps.footholds import Stance
 from mjmotion.footsteps.paths import FootPath
-from mjmotion.footsteps.pelvis import ROLLING, mean_shift, push_offs, root_shift
+from mjmotion.footsteps.pelvis import MOST_BACK, ROLLING, mean_shift, push_offs, root_shift
 from mjmotion.footsteps.plan import Plan, make_plan
 from mjmotion.numerics.rotations import exp, rotate
 from mjmotion.output.result import Result
 from mjmotion.scene import Scene, flat, stairs
 
 RISE = 0.15  # of the step [m]
+SAME = 1e-12
 KEPT, KNEE, EFFORT = 90.0, 8.0, 1.5  # [%], [°], and of the source's
 
 
@@ -192,3 +199,66 @@ def test_an_ankle_that_can_bend_no_further_holds_the_root_up() -> None:
     held = root_shift(motion, pose, paths, both)[:, 2]
     np.testing.assert_allclose(free, rise / 2.0, atol=0.003)
     assert (held > rise / 2.0 + 0.01).all() and (held < rise + 0.003).all()
+
+
+def test_hips_stay_back_where_an_ankle_would_bend_too_far() -> None:
+    """On a slope of 34°, facing up it: an upright shank needs hips further back."""
+    motion, slope = crouch(0.2), np.radians(34.0)
+    pose = Kinematics(motion.model, motion.nframe).forward(motion.qpos)
+    flat_paths, paths, contacts = [], [], []
+    for foot in motion.character.feet:
+        place = pose.site_xpos[0, site_id(motion.model, foot.site)]
+        flat_paths.append(standing(foot, place, motion.nframe))
+        tilted = np.tile(exp(np.array((0.0, -slope, 0.0))), (motion.nframe, 1))
+        paths.append(dataclasses.replace(flat_paths[-1], quat=tilted))
+        contacts += [Contact(f"{foot.side}_{part}", 0, motion.nframe) for part in ("heel", "toe")]
+    level = root_shift(motion, pose, flat_paths, contacts)
+    uphill = root_shift(motion, pose, paths, contacts)
+    assert np.abs(level).max() < 0.003
+    # Back along the way that it faces, which is +x, and no further than it may.
+    assert (uphill[:, 0] < -0.02).all() and (uphill[:, 0] >= -MOST_BACK).all()
+    np.testing.assert_allclose(uphill[:, 1], 0.0, atol=1e-6)
+    # With heels off the ground nothing asks for it.
+    toes = [contact for contact in contacts if contact.site.endswith("toe")]
+    np.testing.assert_allclose(root_shift(motion, pose, paths, toes)[:, 0], 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("fps", [30.0, 120.0])
+def test_a_little_lack_of_an_ankle_costs_a_heel_little(fps: float) -> None:
+    """2° too much at one moment lift the heel for a tenth of a second or so, at every rate."""
+    count, (foot, _) = round(3.0 * fps), clip().character.feet
+    still = crouch(0.5, 2)
+    motion = Motion(still.character, np.tile(still.qpos[:1], (count, 1)), fps)
+    pose = Kinematics(motion.model, 1).forward(motion.qpos[:1])
+    path = standing(foot, pose.site_xpos[0, site_id(motion.model, foot.site)], count)
+    # The foot tips up about its heel for a moment, to beyond what an ankle bends.
+    time = (np.arange(count) / fps - 1.5) / 0.1
+    beyond = 0.6981 + np.radians(2.0) - 0.5
+    tip = np.zeros((count, 3))
+    tip[:, 1] = -beyond * np.exp(-(time**2))
+    path = dataclasses.replace(path, quat=exp(tip))
+    contacts = [Contact("left_heel", 0, count), Contact("left_toe", 0, count)]
+    (given, *_), left = relax_ankles(motion, (foot,), (path,), contacts)
+    heels = [contact for contact in left if contact.site == "left_heel"]
+    lost = count - sum(contact.end - contact.start for contact in heels)
+    assert len(heels) == 2 and 0 < lost <= 0.3 * fps
+    kept = contact_mask(left, "left_heel", count)
+    np.testing.assert_allclose(given.quat[kept], path.quat[kept], atol=SAME)
+
+
+def test_a_foot_lands_flat_where_its_ankle_cannot_land_on_the_heel() -> None:
+    count, (foot, _) = 60, clip().character.feet
+    motion = crouch(0.6, count)
+    pose = Kinematics(motion.model, 1).forward(motion.qpos[:1])
+    path = standing(foot, pose.site_xpos[0, site_id(motion.model, foot.site)], count)
+    tip = np.zeros((count, 3))
+    tip[10:20, 1] = -np.linspace(0.3, 0.0, 10)  # on its heel, down to flat
+    heel_first = dataclasses.replace(path, quat=exp(tip))
+    stance = Stance(0, (10, 50), (20, 55), path.position[0], path.quat[0])
+    (landed,) = flat_landings(motion, (foot,), (heel_first,), (stance,))
+    assert landed.toe == (10, 55) and landed.heel == stance.heel
+    easy = crouch(0.1, count)
+    assert flat_landings(easy, (foot,), (heel_first,), (stance,)) == (stance,)
+    for heel in ((20, 50), (0, 0)):  # toes first, and toes alone
+        other = dataclasses.replace(stance, heel=heel)
+        assert flat_landings(motion, (foot,), (heel_first,), (other,)) == (other,)

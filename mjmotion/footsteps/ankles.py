@@ -24,7 +24,7 @@ from mjmotion.footsteps.footholds import Foothold, Stance
 from mjmotion.footsteps.paths import FootPath
 from mjmotion.footsteps.swings import frames_to
 from mjmotion.numerics.rotations import conjugate, exp, multiply, rotate
-from mjmotion.numerics.smoothing import cover, ease
+from mjmotion.numerics.smoothing import cover, ease, envelope
 
 Array = NDArray[np.float64]
 
@@ -36,6 +36,7 @@ MOST_TURN = 0.2  # the most that a foothold is turned for that [rad]
 _SPARE = 0.02  # more than it lacks, for what the root still does [rad]
 _ROUNDS = 3
 _FREE = 3.0  # times GIVE_TIME after which a foot that left the ground turns as it likes
+HEEL_PULL = 20.0  # acceleration with which a heel leaves the ground [m/s²]
 _EDGE = 0.002  # of its range that an ankle is never planned to be at [rad]
 SLACK = 0.025  # what an ankle may use of the margin before anything gives [rad]
 _LIFTED = 2e-4  # a heel this far off its foothold no longer stands [m]
@@ -118,6 +119,35 @@ def turned_footholds(
     return tuple(turned)
 
 
+def flat_landings(
+    motion: Motion, feet: Sequence[Foot], paths: Sequence[FootPath], stances: Sequence[Stance]
+) -> tuple[Stance, ...]:
+    """Return stances that land on heel and toe together where the ankle cannot land on the heel.
+
+    Uphill a person sets the foot down flat, or on its ball: on a heel alone it would be steeper
+    still, and where that heel had to give, nothing would stand.
+
+    Args:
+      motion: the source with its root where it will about be.
+      feet: the feet.
+      paths: one a foot.
+      stances: all stances.
+    """
+    landed = list(stances)
+    for index, (foot, path) in enumerate(zip(feet, paths, strict=True)):
+        limb, box = motion.character.limb_by_end.get(foot.body), _ankle_box(motion, foot)
+        if limb is None or box is None:
+            continue
+        ankle = _ankles(motion, motion.character.chains((limb,)), foot, path)
+        beyond = np.any((ankle < box[..., 2]) | (ankle > box[..., 3]), axis=1)
+        for number, stance in enumerate(stances):
+            (heel, off), (toe, end) = stance.heel, stance.toe
+            on_heel = stance.foot == index and heel < toe <= off and toe < end
+            if on_heel and beyond[heel:toe].any():
+                landed[number] = dataclasses.replace(stance, toe=(heel, end))
+    return tuple(landed)
+
+
 def _ankles(motion: Motion, limbs: Limbs, foot: Foot, path: FootPath) -> Array:
     """Return how an ankle is bent (nframe, 3) [rad] where its foot is as its path says."""
     model = motion.model
@@ -172,6 +202,7 @@ def _turn_back(
     # What is far out of range is out of reach, which turning a foot does not mend.
     ankle = np.clip(ankle, low - MOST_LACK, high + MOST_LACK)
     lack = np.zeros_like(ankle)
+    stays = _stays_down(ankle, box, heel, foot, motion.fps)
     time = GIVE_TIME * motion.fps
     free = ease(frames_to(heel) / (_FREE * time))
     for axis in range(3):
@@ -181,7 +212,7 @@ def _turn_back(
         ):
             if over.max() <= 0.0:
                 continue
-            given = cover(np.where(heel, over, 0.0), time)
+            given = envelope(np.where(heel, over, 0.0), stays, time)
             rest = cover(np.where(heel, 0.0, over - given), time) * free
             lack[:, axis] += sign * (given + rest)
     if not lack.any():
@@ -193,6 +224,25 @@ def _turn_back(
     # Always about the toe: the heel goes up, and nothing goes down.
     position = path.position + rotate(path.quat, foot.toe) - rotate(quat, foot.toe)
     return dataclasses.replace(path, position=position, quat=quat)
+
+
+def _stays_down(
+    ankle: Array, box: Array, heel: NDArray[np.bool_], foot: Foot, fps: float
+) -> NDArray[np.bool_]:
+    """Return when a standing heel stays where it is (nframe,): away from where its ankle lacks.
+
+    A heel that must be off the ground by a height h has left it √(2 h / HEEL_PULL) before.
+    """
+    over = np.maximum(box[..., 0] - ankle, ankle - box[..., 1]).max(axis=1)
+    beyond = np.maximum(box[..., 2] - ankle, ankle - box[..., 3]).max(axis=1) > 0.0
+    lifts = heel & beyond
+    lever = float(np.linalg.norm(foot.toe - foot.heel))
+    rise = np.where(lifts, np.sqrt(2.0 * lever * np.maximum(over, 0.0) / HEEL_PULL) * fps, 0.0)
+    frames = np.flatnonzero(lifts)
+    stays = heel.copy()
+    for frame, reach in zip(frames, np.ceil(rise[frames]).astype(int), strict=True):
+        stays[max(0, frame - reach) : frame + reach + 1] = False
+    return stays
 
 
 def trim_heel_contacts(

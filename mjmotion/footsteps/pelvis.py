@@ -1,10 +1,11 @@
 """The root's way over new ground: one smooth curve between what legs reach and what ankles bend.
 
-Over the plane the root follows its feet. Its height is the least-squares curve near the feet's mean
-shift that is smooth in its third differences, not above what standing legs reach, and not so low
-that a heel would have to leave the ground because its ankle can bend no further. A heel that leaves
-early is a price, not a wall, and lower than that of a leg that would not reach; a swinging leg's is
-lower still, and in flight nothing is asked.
+Over the plane the root follows its feet, and stays back a little where uphill an ankle would bend
+too far: with the hips further back the shank is more upright. Its height is the least-squares curve
+near the feet's mean shift that is smooth in its third differences, not above what standing legs
+reach, and not so low that a heel would have to leave the ground because its ankle can bend no
+further. A heel that leaves early is a price, not a wall, and lower than that of a leg that would
+not reach; a swinging leg's is lower still, and in flight nothing is asked.
 """
 
 from __future__ import annotations
@@ -32,14 +33,21 @@ from mjmotion.numerics.smoothing import Bound, between, envelope
 Array = NDArray[np.float64]
 
 REACH_FREE = 0.97  # share of a leg's length that a root path may always ask for
-REACH_MOST = 0.995  # the most it may ask for, where the source did
+REACH_MOST = 0.9995  # the most it may ask for, where the source did
 LEAST_HEIGHT = 0.5  # of a leg's length that a hip keeps over its ankle, however far that is
 DROP_TIME = 0.3  # how far on either side it is felt that a leg would not reach [s]
-HEIGHT_TIME = 0.22  # τ of the root's height [s]
+HEIGHT_TIME = 0.25  # τ of the root's height [s]
 PLANE_TIME = 0.3  # τ of its way over the plane, which only follows the feet [s]
 ANKLE_SPARE = 0.08  # how far within its range an ankle is planned [rad]
 # Prices of being out of a bound, against being off the feet's mean shift.
-STANDING, ROLLING, HEEL, SWINGING = 40000.0, 50.0, 200.0, 3.0
+STANDING, ROLLING, HEEL, SWINGING = 40000.0, 50.0, 300.0, 3.0
+MOST_BACK = 0.1  # the most that hips stay back for an ankle [m]
+BACK = 50.0  # price of staying back less than that
+BACK_TIME = 0.45  # τ of staying back [s]
+KNEE = 60.0  # price of a hip that is lower than that
+KNEE_MORE = 0.07  # how much more than in the source a knee is bent on the level [rad]
+LEVEL_TIME = 0.2  # for how long to either side ground is to be level for that [s]
+LEVEL = 0.01  # ground whose heights differ by less than that is level [m]
 MOST_TIP = 0.3  # how much further than in the source a foot may roll on its toe [rad]
 NEAR_TIME = 0.06  # scale in which a swinging foot is lifted nearer to the hip [s]
 _ROLLS = 2  # times that the roll of a shank is found
@@ -68,13 +76,55 @@ def root_shift(
     shift = np.zeros_like(mean)
     for axis in (0, 1):
         shift[:, axis] = between(mean[:, axis], PLANE_TIME * source.fps)
-    legs = [leg for path in paths if (leg := _Leg.of(source, pose, path, contacts, shift))]
-    shift[:, 2] = between(
-        mean[:, 2],
-        HEIGHT_TIME * source.fps,
-        [bound for leg in legs for bound in leg.bounds(rolling)],
-    )
+    follow = mean[:, 2], rolling
+    shift[:, 2], legs = _height(source, pose, paths, contacts, shift, follow)
+    # Where some ankle still lacks, hips that stay back let its shank be more upright.
+    ahead = _ahead(source)
+    needs = [leg.staying_back(shift[:, 2], ahead) for leg in legs]
+    bounds = [Bound(need, need > 0.0, BACK, upper=False) for need in needs if need.any()]
+    if bounds:
+        back = between(np.zeros(source.nframe), BACK_TIME * source.fps, bounds)
+        shift -= np.maximum(back, 0.0)[:, None] * ahead
+        shift[:, 2], _ = _height(source, pose, paths, contacts, shift, follow)
     return shift
+
+
+def _height(
+    source: Motion,
+    pose: Pose,
+    paths: Sequence[FootPath],
+    contacts: Sequence[Contact],
+    shift: Array,
+    follow: tuple[Array, float],
+) -> tuple[Array, list[_Leg]]:
+    """Return the height (nframe,) of the root's shift [m], and the legs where it is so far.
+
+    ``follow`` is the feet's mean shift upwards (nframe,), and the price of rolling feet.
+    """
+    mean, rolling = follow
+    level = _level(paths, source.fps)
+    legs = [leg for path in paths if (leg := _Leg.of(source, pose, path, contacts, shift, level))]
+    bounds = [bound for leg in legs for bound in leg.bounds(rolling)]
+    return between(mean, HEIGHT_TIME * source.fps, bounds), legs
+
+
+def _level(paths: Sequence[FootPath], fps: float) -> NDArray[np.bool_]:
+    """Return when all feet that stand around a frame stand on one level (nframe,)."""
+    from scipy.ndimage import maximum_filter1d
+
+    height = np.array([path.shift[:, 2] for path in paths])
+    stance = np.array([path.stance for path in paths])
+    around = 2 * round(LEVEL_TIME * fps) + 1
+    high = maximum_filter1d(np.where(stance, height, -np.inf).max(axis=0), around)
+    low = -maximum_filter1d(np.where(stance, -height, -np.inf).max(axis=0), around)
+    return np.asarray(high - low < LEVEL)
+
+
+def _ahead(source: Motion) -> Array:
+    """Return the way that the root faces, level and of unit length (nframe, 3)."""
+    quat = source.qpos[:, 3:7]
+    ahead = rotate(quat, np.broadcast_to(np.eye(3)[0], (len(quat), 3))) * (1.0, 1.0, 0.0)
+    return np.asarray(ahead / np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9))
 
 
 def mean_shift(source: Motion, paths: Sequence[FootPath]) -> Array:
@@ -133,7 +183,9 @@ class _Leg:
       hip: (nframe, 3) [m].
       ankle: (nframe, 3) where it is to be [m].
       turn: (nframe, 4) how the end body is to be turned.
-      most: (nframe,) the most that hip and ankle may be apart [m].
+      was: (nframe,) how far hip and ankle are apart in the source [m].
+      most: (nframe,) the most that they may be [m].
+      level: (nframe,) when the foot is as high over its source's ground as the feet are on average.
       stance, heel: (nframe,) when the foot stands, and its heel.
     """
 
@@ -143,7 +195,9 @@ class _Leg:
     hip: Array
     ankle: Array
     turn: Array
+    was: Array
     most: Array
+    level: NDArray[np.bool_]
     stance: NDArray[np.bool_]
     heel: NDArray[np.bool_]
 
@@ -155,6 +209,7 @@ class _Leg:
         path: FootPath,
         contacts: Sequence[Contact],
         shift: Array,
+        level: NDArray[np.bool_] | None = None,
     ) -> _Leg | None:
         """Return the leg of a path; None where its site is on no limb's end."""
         model = source.model
@@ -175,7 +230,9 @@ class _Leg:
             hip + shift * (1.0, 1.0, 0.0),
             path.position + rotate(turn, np.broadcast_to(local, path.position.shape)),
             turn,
+            was,
             np.clip(was, REACH_FREE * long, REACH_MOST * long),
+            np.zeros(source.nframe, dtype=bool) if level is None else level,
             path.stance,
             contact_mask(contacts, f"{foot.side}_heel", source.nframe),
         )
@@ -189,42 +246,84 @@ class _Leg:
             Bound(reach, self.stance & ~self.heel, rolling, upper=True),
             Bound(reach, ~self.stance, SWINGING, upper=True),
         ]
-        lowest = self._lowest_hip()
-        if lowest is not None:
-            bounds.append(Bound(lowest - self.hip[:, 2], self.heel, HEEL, upper=False))
+        straight = -drop_to_reach(self.hip, self.ankle, self._least_apart())
+        bounds.append(Bound(straight, self.heel & self.level, KNEE, upper=False))
+        bent = self._bent_knee()
+        if bent is not None:
+            knee, thigh = bent
+            rest = thigh**2 - ((self.hip - knee)[:, :2] ** 2).sum(axis=1)
+            lowest = knee[:, 2] + np.sqrt(np.maximum(rest, 0.0)) - self.hip[:, 2]
+            bounds.append(Bound(lowest, self.heel & (rest > 0.0), HEEL, upper=False))
         return bounds
 
-    def _lowest_hip(self) -> Array | None:
-        """Height (nframe,) under which a hip bends the ankle of a flat foot out of its range [m].
+    def staying_back(self, height: Array, ahead: Array) -> Array:
+        """Return how far back (nframe,) the hip must be for its ankle to let the heel stand [m].
 
-        With the shank as far forwards as the ankle lets it, the knee is known, and so is how high
-        above its place in the plane a hip is that is a thigh's length away from it.
+        A hip nearer than a thigh's length to the knee of an ankle that is bent as far as it goes
+        would push that knee further forwards. Back by d along ``ahead`` a it is a length away:
+        ``|h − d a − k| = thigh``.
+
+        Args:
+          height: (nframe,) the root's shift upwards [m].
+          ahead: (nframe, 3) the way that the root faces, level.
+        """
+        bent = self._bent_knee()
+        if bent is None:
+            return np.zeros(len(height))
+        knee, thigh = bent
+        way = self.hip + height[:, None] * (0.0, 0.0, 1.0) - knee
+        along, lacking = (way * ahead).sum(axis=1), thigh**2 - (way**2).sum(axis=1)
+        back = along + np.sqrt(np.maximum(along**2 + lacking, 0.0))
+        return np.where(self.heel & (lacking > 0.0), np.clip(back, 0.0, MOST_BACK), 0.0)
+
+    def _least_apart(self) -> Array:
+        """How near hip and ankle may come (nframe,) with a knee bent little more than before [m].
+
+        ``d² = a² + b² + 2 a b cos φ`` of thigh a, shank b and the bend φ between them.
+        """
+        a, b = (float(np.linalg.norm(bone)) for bone in self._bones())
+        cosine = np.clip((self.was**2 - a * a - b * b) / (2.0 * a * b), -1.0, 1.0)
+        bend = np.minimum(np.arccos(cosine) + KNEE_MORE, np.pi)
+        return np.sqrt(a * a + b * b + 2.0 * a * b * np.cos(bend))
+
+    def _bones(self) -> tuple[Array, Array]:
+        """Thigh, from hip to knee, and shank, from ankle to knee, at rest (3,) [m]."""
+        model, limb = self.source.model, self.limb
+        knee = model.jnt_pos[model.body_jntadr[limb.lower]]
+        end = model.body_pos[limb.end] + model.jnt_pos[model.body_jntadr[limb.end]]
+        hip = model.jnt_pos[model.body_jntadr[limb.upper]]
+        return model.body_pos[limb.lower] + knee - hip, knee - end
+
+    def _bent_knee(self) -> tuple[Array, float] | None:
+        """Where a standing foot's knee is with its ankle bent as far as it goes, and the thigh.
+
+        Returns:
+          (nframe, 3) and a length [m]; None where the ankle has no such range. With the shank as
+          far forwards as the ankle lets it, no hip may be nearer than the thigh is long.
         """
         model, limb = self.source.model, self.limb
         joint = int(model.body_jntadr[limb.end])
         box = self.source.character.limits.boxes.get(joint)
         if box is None:
             return None
-        knee = model.jnt_pos[model.body_jntadr[limb.lower]]
-        shank = knee - model.body_pos[limb.end] - model.jnt_pos[joint]
-        thigh = model.body_pos[limb.lower] + knee - model.jnt_pos[model.body_jntadr[limb.upper]]
+        upper, shank = self._bones()
         # A margin within its range, or as far as the source bends it.
         first = int(model.jnt_qposadr[joint])
         own = -swing_twist(self.source.qpos[:, first : first + 4])[:, 1]
         pitch = np.zeros((len(own), 3))
         pitch[:, 1] = np.clip(own, -box[1, 0] - ANKLE_SPARE, -box[1, 0])
         forward = rotate(exp(pitch), shank)
-        long, hip = float(thigh @ thigh), self.hip
+        thigh, hip = float(np.linalg.norm(upper)), self.hip
         for _ in range(_ROLLS):
             # A leg that is off to a side takes its shank along.
             off = rotate(conjugate(self.turn), hip - self.ankle)
             roll = np.zeros_like(off)
             roll[:, 0] = np.arctan2(-off[:, 1], np.maximum(off[:, 2], 1e-9))
             at = self.ankle + rotate(self.turn, rotate(exp(roll), forward))
-            rest = long - ((hip - at)[:, :2] ** 2).sum(axis=1)
+            rest = thigh**2 - ((hip - at)[:, :2] ** 2).sum(axis=1)
             height = at[:, 2] + np.sqrt(np.maximum(rest, 0.0))
             hip = np.concatenate((hip[:, :2], height[:, None]), axis=1)
-        return np.where(rest > 0.0, height, -np.inf)
+        return at, thigh
 
     def push_off(self, path: FootPath, shift: Array) -> Array:
         """Return the turn (nframe,) about the toe that brings the ankle in reach [rad]."""

@@ -18,7 +18,7 @@ from mjmotion.constraints import SiteConstraint
 from mjmotion.constraints.shared_targets import SharedMove
 from mjmotion.exceptions import ContactError
 from mjmotion.fitting import fit
-from mjmotion.footsteps.ankles import relax_ankles, turned_footholds
+from mjmotion.footsteps.ankles import flat_landings, relax_ankles, turned_footholds
 from mjmotion.footsteps.apart import aside
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.footsteps.footholds import (
@@ -177,20 +177,25 @@ def _on_ground(
     """Plan the ways from foothold to foothold, one a stance."""
     feet, ground = source.character.feet, scene.ground
 
-    def planned(index: int, holds: Sequence[Foothold], detour: Detour | None = None) -> FootPath:
-        return foot_path(feet[index], index, pose, stances, holds, ground, source.fps, detour)
+    def planned(index: int, detour: Detour | None = None) -> FootPath:
+        return foot_path(feet[index], index, pose, stances, footholds, ground, source.fps, detour)
 
     # What feet, ankles and root ask of each other, each told once, the firmest first.
-    paths = tuple(planned(index, footholds) for index in range(len(feet)))
+    paths = tuple(planned(index) for index in range(len(feet)))
     shift = root_shift(source, pose, paths, found, ROLLING)
     turned = turned_footholds(shifted(source, shift), feet, paths, stances, footholds)
-    if any(new is not old for new, old in zip(turned, footholds, strict=True)):
-        footholds = turned
-        paths = tuple(planned(index, footholds) for index in range(len(feet)))
+    landed = flat_landings(shifted(source, shift), feet, paths, stances)
+    if any(new is not old for new, old in zip(landed, stances, strict=True)):
+        found = contacts_of(landed, feet)
+    if any(
+        new is not old for new, old in zip((*turned, *landed), (*footholds, *stances), strict=True)
+    ):
+        footholds, stances = turned, landed
+        paths = tuple(planned(index) for index in range(len(feet)))
     moves = aside(feet, paths, pose, source.fps)
     tips = push_offs(source, pose, paths, found, shift)
     paths = tuple(
-        planned(index, footholds, Detour(move, tip)) if move.any() or tip.any() else paths[index]
+        planned(index, Detour(move, tip)) if move.any() or tip.any() else paths[index]
         for index, (move, tip) in enumerate(zip(moves, tips, strict=True))
     )
     shift = root_shift(source, pose, paths, found)
