@@ -47,6 +47,10 @@ class FitError(MotionError):
     """A fit was asked for with settings that make no sense."""
 
 
+class SessionError(MotionError):
+    """A session of the editor is damaged, of another clip or version, or asks for nonsense."""
+
+
 class OutputError(MotionError):
     """A result cannot be written, or would overwrite an earlier one."""
 

@@ -185,7 +185,7 @@ class _Leg:
       turn: (nframe, 4) how the end body is to be turned.
       was: (nframe,) how far hip and ankle are apart in the source [m].
       most: (nframe,) the most that they may be [m].
-      level: (nframe,) when the foot is as high over its source's ground as the feet are on average.
+      level: (nframe,) when the feet that stand are on one level.
       stance, heel: (nframe,) when the foot stands, and its heel.
     """
 

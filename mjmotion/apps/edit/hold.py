@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Literal
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -115,6 +116,7 @@ def keep(
     span: Span,
     drags: Sequence[SiteConstraint],
     hold: Hold,
+    pinned: Sequence[SiteConstraint] = (),
 ) -> Held:
     """Return what stays where it was.
 
@@ -127,6 +129,7 @@ def keep(
       span: the frames that may change.
       drags: what the user asks for.
       hold: see :func:`mjmotion.apps.edit.edit_frame`.
+      pinned: what earlier edits asked for, which stays unless its body is dragged.
     """
     model = motion.model
     pose = Kinematics(model, motion.nframe).forward(motion.qpos)
@@ -151,6 +154,7 @@ def keep(
             at = np.flatnonzero(within)
             place = pose.site_xpos[at, index]
             others.append(SiteConstraint(contact.site, at, place, contact=True, source="scene"))
+    others += _within(pinned, span, model, dragged)
     paths = []
     for body, foot in feet.items():
         held = allowed if hold == "feet" and body not in dragged else stands[body]
@@ -166,6 +170,20 @@ def keep(
             )
         )
     return Held(tuple(feet.values()), tuple(paths), tuple(others), tuple(left))
+
+
+def _within(
+    pinned: Sequence[SiteConstraint], span: Span, model: mujoco.MjModel, dragged: set[int]
+) -> list[SiteConstraint]:
+    """Return what of earlier constraints lies within a span and is not of a dragged body."""
+    left = []
+    for one in pinned:
+        inside = np.isin(one.frames, span.frames)
+        mine = int(model.site_bodyid[site_id(model, one.site)]) in dragged
+        if one.position is not None and inside.any() and not mine:
+            frames, position = one.frames[inside], one.position[inside]
+            left.append(dataclasses.replace(one, frames=frames, position=position))
+    return left
 
 
 def _outside(contact: Contact, span: Span) -> list[Contact]:

@@ -1,4 +1,4 @@
-"""The frames that an edit covers: seven knots of the first level, the frame in the middle."""
+"""The frames that an edit covers: three knots of the first level to either side of what it asks."""
 
 from __future__ import annotations
 
@@ -25,19 +25,30 @@ class Span:
     frames too, only control points take part whose support lies within.
 
     Attributes:
-      frame: the edited frame.
+      frame: the edited frame, or the first of several.
       frames_per_knot: frames between the knots of the first level.
       nframe: frames of the clip.
+      length: how many frames are edited.
     """
 
     frame: int
     frames_per_knot: int
     nframe: int
+    length: int = 1
+
+    @property
+    def last(self) -> int:
+        """The last edited frame."""
+        return self.frame + self.length - 1
 
     @property
     def knots(self) -> NDArray[np.int64]:
-        """The seven knots of the first level (7,), as frames; some may lie outside the clip."""
-        return self.frame + self.frames_per_knot * np.arange(-KNOTS, KNOTS + 1)
+        """The knots of the first level, as frames; some may lie outside the clip.
+
+        Seven for one frame: it and three to either side.
+        """
+        between = -(-(self.length - 1) // self.frames_per_knot)
+        return self.frame + self.frames_per_knot * np.arange(-KNOTS, between + KNOTS + 1)
 
     @property
     def frames(self) -> NDArray[np.int64]:
@@ -48,7 +59,9 @@ class Span:
     @property
     def fade(self) -> Array:
         """A weight (nframe,): 1 in the middle, 0 from the outermost knots on, smooth between."""
-        away = np.abs(np.arange(self.nframe) - self.frame) / self.frames_per_knot
+        frames = np.arange(self.nframe)
+        away = np.maximum(np.maximum(self.frame - frames, frames - self.last), 0)
+        away = away / self.frames_per_knot
         rest = np.clip(KNOTS - away, 0.0, 1.0)
         return np.asarray(rest * rest * (3.0 - 2.0 * rest))
 

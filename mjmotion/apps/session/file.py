@@ -1,0 +1,176 @@
+"""A session as one file: the clip's name and hash, scene, contacts, settings and edits.
+
+save_session("lift.mjsession", session)
+session = load_session("lift.mjsession")
+
+JSON, whose numbers read back as the same bits: the motion of a saved session is bit-identical.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mjmotion.apps.session.edits import from_json, settings_from_json, to_json
+from mjmotion.apps.session.session import EditSession, State
+from mjmotion.body.motion import Motion
+from mjmotion.exceptions import MotionError, SessionError
+from mjmotion.footsteps.contacts import Contact
+from mjmotion.output.reading import read_motion
+
+FORMAT, VERSION = "mjmotion session", 1
+MOST_BYTES = 64 << 20  # a larger file is no session [bytes]
+
+
+def clip_hash(motion: Motion) -> str:
+    """Return what tells a clip from every other: of its joints, rate and poses."""
+    names = [motion.model.joint(i).name for i in range(motion.model.njnt)]
+    seen = hashlib.sha256(json.dumps([names, motion.fps, motion.nframe]).encode())
+    seen.update(np.ascontiguousarray(motion.qpos).tobytes())
+    return seen.hexdigest()
+
+
+def session_json(session: EditSession) -> dict[str, Any]:
+    """Return a session as its file holds it."""
+    state = session.state
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "clip": {
+            "name": session.name,
+            "character": session.character,
+            "sha256": clip_hash(session.clip),
+            "nframe": session.clip.nframe,
+            "fps": session.clip.fps,
+        },
+        "scene": session.scene_name,
+        "scene_moves": [[name, list(by)] for name, by in state.scene_moves],
+        "contacts": None
+        if state.contacts is None
+        else [[one.site, one.start, one.end] for one in state.contacts],
+        "settings": dataclasses.asdict(state.settings),
+        "edits": [to_json(edit) for edit in state.edits],
+    }
+
+
+def save_session(path: str | Path, session: EditSession) -> Path:
+    """Write a session, whole or not at all; an earlier file of that name is replaced.
+
+    Raises:
+      OutputError: it cannot be written.
+    """
+    from mjmotion.exceptions import OutputError
+
+    path = Path(path)
+    text = json.dumps(session_json(session), indent=1, allow_nan=False)
+    try:
+        handle, aside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent or ".")
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            Path(aside).replace(path)
+        except BaseException:
+            Path(aside).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise OutputError(f"cannot write '{path}': {error.strerror or error}") from error
+    return path
+
+
+def load_session(path: str | Path, clip: Motion | str | Path | None = None) -> EditSession:
+    """Read a session and make its edits.
+
+    Args:
+      path: the file.
+      clip: the clip, where it is not any more what the file names.
+
+    Raises:
+      SessionError: no such file, a damaged one, one of another version or of another clip.
+      MotionError: the clip or the scene cannot be read, or does not take the edits.
+    """
+    path = Path(path)
+    value = _read(path)
+    where = f"session '{path}'"
+    try:
+        named = value["clip"]
+        name, character, digest = str(named["name"]), str(named["character"]), named["sha256"]
+        scene = value["scene"]
+        state = _state(value, where)
+    except (KeyError, TypeError, ValueError) as error:
+        raise SessionError(f"{where} is damaged: {error!r}"[:300]) from error
+    if scene is not None and not isinstance(scene, str):
+        raise SessionError(f"{where}: scene must be a name or a file")
+    if isinstance(clip, Motion):
+        motion = clip
+    else:
+        motion = _clip(where, _beside(path, name) if clip is None else clip, character)
+    if clip_hash(motion) != digest:
+        raise SessionError(
+            f"{where} is of another clip than '{clip or name}': its hash is another; give the clip"
+            " that it was made with"
+        )
+    found = None if scene is None else _beside(path, scene)
+    session = EditSession(motion, found, name=name, character=character)
+    session.restore(state)
+    return session
+
+
+def _clip(where: str, name: str | Path, character: str) -> Motion:
+    try:
+        return read_motion(name, None if Path(name).is_dir() else character).motion
+    except MotionError as error:
+        raise SessionError(f"{where}: its clip cannot be read: {error}") from error
+
+
+def _beside(path: Path, name: str) -> str:
+    """Return a file that a session names: as it is named, or next to the session."""
+    if not Path(name).exists() and (path.parent / Path(name).name).exists():
+        return str(path.parent / Path(name).name)
+    return name
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise SessionError(f"'{path}' is too large for a session")
+        value = json.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise SessionError(f"cannot read session '{path}': {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise SessionError(f"'{path}' is no session of mjmotion: it is not JSON") from error
+    if not isinstance(value, dict) or value.get("format") != FORMAT:
+        raise SessionError(f"'{path}' is no session of mjmotion: 'format' is not '{FORMAT}'")
+    if value.get("version") != VERSION:
+        raise SessionError(
+            f"session '{path}' is of version {str(value.get('version'))[:20]}, and this is"
+            f" mjmotion with version {VERSION}: open it with the one that wrote it"
+        )
+    return value
+
+
+def _state(value: dict[str, Any], where: str) -> State:
+    edits = value.get("edits", [])
+    if not isinstance(edits, list):
+        raise SessionError(f"{where}: edits must be a list")
+    contacts = value.get("contacts")
+    moves = []
+    for name, by in value.get("scene_moves", []):
+        x, y, z = (float(one) for one in by)
+        moves.append((str(name), (x, y, z)))
+    return State(
+        edits=tuple(from_json(one, f"{where}, edit {i}") for i, one in enumerate(edits)),
+        contacts=None
+        if contacts is None
+        else tuple(Contact(str(site), int(start), int(end)) for site, start, end in contacts),
+        scene_moves=tuple(moves),
+        settings=settings_from_json(value.get("settings", {}), f"{where}, settings"),
+    )
