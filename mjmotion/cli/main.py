@@ -35,6 +35,7 @@ COMMANDS = (
     "character",
     "retarget",
     "edit-frame",
+    "replay",
     "table1",
     "morph",
     "transition",
