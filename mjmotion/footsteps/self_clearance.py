@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Collection
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -116,11 +115,11 @@ class SelfClearance:
         # |a - b|² of every two geoms, as one product.
         ours = np.concatenate((-2.0 * place, square, one), axis=2)[:, self._mine]
         theirs = np.concatenate((place, one, square), axis=2)
-        moved: NDArray[Any] = np.asarray(changed.astype(np.float32) @ self._between.T)
-        counts = np.asarray(moved.any(axis=0))[self._number]
+        counts = np.asarray((self._between & changed.any(axis=0)).any(axis=1))[self._number]
         bound = np.where(counts, self._bound, -1.0).astype(np.float32)
         frame, first, second = np.nonzero(ours @ np.swapaxes(theirs, 1, 2) < bound)
-        other_than = moved[frame, self._number[first, second]] > 0.0
+        between = self._between[self._number[first, second]]
+        other_than = (changed[frame] & between).any(axis=1)
         frame, first, second = frame[other_than], first[other_than], second[other_than]
         pair = np.sort(np.column_stack((geoms[self._mine[first]], geoms[second])), axis=1)
         # Boxes apart along an axis of the first, then of those that are not, of the second.
@@ -198,7 +197,7 @@ def _tree_distance(model: mujoco.MjModel) -> Index:
     return np.asarray(depth[:, None] + depth[None] - 2 * shared)
 
 
-def _joints_between(model: mujoco.MjModel, geoms: Index) -> tuple[Array, Index]:
+def _joints_between(model: mujoco.MjModel, geoms: Index) -> tuple[NDArray[np.bool_], Index]:
     """Return which numbers of qpos (k, nq) are between two bodies, and k for geoms (g, g)."""
     bodies, which = np.unique(model.geom_bodyid[geoms], return_inverse=True)
     moves = np.array([body_dofs(model, int(body)) for body in bodies])
@@ -207,4 +206,4 @@ def _joints_between(model: mujoco.MjModel, geoms: Index) -> tuple[Array, Index]:
     numbers = np.repeat(joint_moves, size, axis=1)
     between = numbers[:, None] ^ numbers[None]
     number = which[:, None] * len(bodies) + which[None]
-    return between.reshape(-1, model.nq).astype(np.float32), number
+    return between.reshape(-1, model.nq), number
