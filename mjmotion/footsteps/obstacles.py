@@ -315,13 +315,14 @@ class ObstacleClearance:
         data, model, mine, limit = self._data, self.model, self._mine, self.margin + 0.01
         last = -1
         # MuJoCo measures one pair a call; the pairs left here are few.
-        for number in range(len(frame)):
-            if frame[number] != last:
-                last = frame[number]
-                data.geom_xpos[mine] = pose.geom_xpos[last, mine]
-                data.geom_xmat[mine] = pose.geom_xmat[last, mine].reshape(-1, 9)
+        pairs = zip(frame.tolist(), geom.tolist(), wall.tolist(), strict=True)
+        for number, (row, body_geom, wall_geom) in enumerate(pairs):
+            if row != last:
+                last = row
+                data.geom_xpos[mine] = pose.geom_xpos[row, mine]
+                data.geom_xmat[mine] = pose.geom_xmat[row, mine].reshape(-1, 9)
             distance[number] = mujoco.mj_geomDistance(
-                model, data, int(geom[number]), int(wall[number]), limit, ends[number]
+                model, data, body_geom, wall_geom, limit, ends[number]
             )
         return distance, ends.reshape(-1, 2, 3)
 
