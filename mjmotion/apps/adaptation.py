@@ -152,9 +152,10 @@ def fit_plan(
     # Against what was asked for, not what was brought within reach; free targets where they went.
     wanted = [*plan.constraints(), *with_moves(asked, result.moves)]
     targets = lay_out(wanted, character.model, nframe)
+    source = plan.source.on(composed)
     return Result(
-        plan.source.on(composed),
-        result.motion.on(composed),
+        source,
+        source.replace(result.motion.qpos),
         plan.contacts,
         result.trace,
         find_unmet(result.motion, targets, wanted),

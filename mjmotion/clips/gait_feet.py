@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.clips.gait_plan import Steps, ease
+from mjmotion.numerics.cubic import CubicSpline
 from mjmotion.numerics.rotations import exp, multiply, yaw_quat
 
 Array = NDArray[np.float64]
@@ -261,8 +262,6 @@ class Swing:
           begin: foot (n, 5), its rate and the rate's rate by u, as it leaves.
           end: the same as it lands.
         """
-        from scipy.interpolate import CubicSpline
-
         spline = CubicSpline(self.u, self.values)
         rise = end[0] - begin[0]
         share = np.minimum(np.hypot(rise[:, 0], rise[:, 1]) / self.way, 1.15)

@@ -9,6 +9,7 @@ from mjmotion.body.character import Character
 from mjmotion.body.limbs import Limb, Limbs
 from mjmotion.body.reach import drop_to_reach
 from mjmotion.exceptions import ModelError
+from mjmotion.numerics.cubic import CubicSpline
 from mjmotion.numerics.rotations import conjugate, exp, multiply
 
 Array = NDArray[np.float64]
@@ -51,12 +52,11 @@ def pelvis_height(grid: Array, room: Array, psi: Array, near: int) -> Array:
       psi: (n,) phases wanted.
       near: the pelvis keeps its height for this long about its lowest [samples of the grid].
     """
-    from scipy.interpolate import CubicSpline
     from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
     low = minimum_filter1d(room, 2 * near + 1, mode="nearest")
     smooth = gaussian_filter1d(low, near / 3.0, mode="nearest", truncate=3.0)
-    return np.asarray(CubicSpline(grid, smooth)(psi))
+    return CubicSpline(grid, smooth)(psi)
 
 
 def close_legs(legs: Limbs, qpos: Array, feet: tuple[Array, Array]) -> Array:

@@ -291,13 +291,14 @@ class ObstacleClearance:
         self, geom_xpos: Array
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Frame, geom and obstacle number of pairs whose bounding shapes come within the margin."""
+        walls = np.flatnonzero(self._counts)
         centre = geom_xpos[:, self._geoms, None]
-        gap = np.maximum(0.0, np.maximum(self._low - centre, centre - self._high))
-        bound = self.model.geom_rbound[self._geoms][None, :, None] + self._margins
+        gap = np.maximum(0.0, np.maximum(self._low[walls] - centre, centre - self._high[walls]))
+        bound = self.model.geom_rbound[self._geoms][None, :, None] + self._margins[walls]
         frame, geom, wall = np.nonzero(np.einsum("fgoi,fgoi->fgo", gap, gap) < bound * bound)
+        wall = walls[wall]
         passed = np.einsum("mi,mi->m", geom_xpos[frame, self._geoms[geom]], self._along[wall])
         level = (passed > self._span[wall, 0]) & (passed < self._span[wall, 1])
-        level &= self._counts[wall]
         return frame[level], self._geoms[geom[level]], wall[level]
 
     def _distances(
@@ -314,13 +315,14 @@ class ObstacleClearance:
         data, model, mine, limit = self._data, self.model, self._mine, self.margin + 0.01
         last = -1
         # MuJoCo measures one pair a call; the pairs left here are few.
-        for number in range(len(frame)):
-            if frame[number] != last:
-                last = frame[number]
-                data.geom_xpos[mine] = pose.geom_xpos[last, mine]
-                data.geom_xmat[mine] = pose.geom_xmat[last, mine].reshape(-1, 9)
+        pairs = zip(frame.tolist(), geom.tolist(), wall.tolist(), strict=True)
+        for number, (row, body_geom, wall_geom) in enumerate(pairs):
+            if row != last:
+                last = row
+                data.geom_xpos[mine] = pose.geom_xpos[row, mine]
+                data.geom_xmat[mine] = pose.geom_xmat[row, mine].reshape(-1, 9)
             distance[number] = mujoco.mj_geomDistance(
-                model, data, int(geom[number]), int(wall[number]), limit, ends[number]
+                model, data, body_geom, wall_geom, limit, ends[number]
             )
         return distance, ends.reshape(-1, 2, 3)
 
