@@ -56,23 +56,29 @@ class ExactPass:
         frames than those, so that nothing jerks.
         """
         fitted = qpos
-        solution: Solution | None
         solution = self.problem.enforce(qpos[self.targets.frames])
         error = float(solution.error.max(initial=0.0))
-        if solution.rise is not None and solution.rise.any():
-            qpos = qpos.copy()
-            qpos[:, 2] += self._spread(solution.rise)
-            solution = None
+        qpos, solution = self._within_reach(qpos, solution)
         closed, beyond = self._closed(qpos, solution)
-        before, turn = math.inf, 0
+        before, turn, frames = math.inf, 0, self.targets.frames
         # What no smooth move of the root mends stays within limits, and is reported.
         while beyond.max() > LIMIT_SLACK and turn < _EASES and beyond.max() <= _BETTER * before:
             before, turn = float(beyond.max()), turn + 1
             qpos = self._ease(qpos, np.flatnonzero(beyond > LIMIT_SLACK))
-            closed, beyond = self._closed(qpos)
+            # A root that gave for a joint may have left a leg behind.
+            qpos, solution = self._within_reach(qpos, self.problem.enforce(qpos[frames]))
+            closed, beyond = self._closed(qpos, solution)
         if qpos is not fitted and (followed := self._follow(qpos)) is not qpos:
             closed, _ = self._closed(followed)
         return closed, error
+
+    def _within_reach(self, qpos: Array, solution: Solution) -> tuple[Array, Solution | None]:
+        """Let the root rise or sink for limbs that do not reach; None where it did."""
+        if solution.rise is None or not solution.rise.any():
+            return qpos, solution
+        moved = qpos.copy()
+        moved[:, 2] += self._spread(solution.rise)
+        return moved, None
 
     def _closed(self, qpos: Array, solution: Solution | None = None) -> tuple[Array, Array]:
         """Return poses that meet the targets, within limits, and how far they were out (n,)."""
