@@ -21,6 +21,7 @@ from mjmotion.apps.clearing import (
     check_passage,
     past_obstacles,
     with_arms_clear,
+    with_knees_apart,
 )
 from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics, site_id, site_positions
@@ -146,6 +147,7 @@ def fit_plan(
         clearance = ObstacleClearance(character, plan.obstacles, nframe)
         result = past_obstacles(result, asked_for, clearance, solver, settings)
     plan, result = _with_relaxed_ankles(plan, result, near, solver, clearance)
+    result = with_knees_apart(plan, result, near, clearance)
     result = with_arms_clear(plan, result, near, clearance, composed, settings, solver)
     if clearance is not None:
         check_passage(clearance, result)

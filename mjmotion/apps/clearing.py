@@ -15,11 +15,12 @@ import numpy as np
 from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics, body_dofs
 from mjmotion.body.motion import Motion
-from mjmotion.constraints import Constraint
+from mjmotion.constraints import Constraint, RelativeConstraint
 from mjmotion.exceptions import ModelError, SceneError, frame_list
 from mjmotion.fitting import FINEST, TOLERANCE, Fit, default_levels, fit, whole
 from mjmotion.footsteps.bow import bow
 from mjmotion.footsteps.clearances import BodyClearances, Clearances, pushed_clear
+from mjmotion.footsteps.knees_apart import knees_apart
 from mjmotion.footsteps.obstacles import ObstacleClearance
 from mjmotion.footsteps.plan import Plan
 from mjmotion.footsteps.self_clearance import SelfClearance
@@ -109,6 +110,35 @@ def check_passage(clearance: ObstacleClearance, result: Fit) -> None:
             " too narrow, or stands off the walk's path; widen or move it",
             frames.tolist(),
         )
+
+
+def with_knees_apart(
+    plan: Plan, result: Fit, asked: Sequence[Constraint], obstacles: ObstacleClearance | None
+) -> Fit:
+    """Turn knees outwards where legs are in each other and the source's are not.
+
+    Legs that something is asked of beside their feet are left alone, as are those beside a wall.
+    """
+    began = time.perf_counter()
+    character = plan.source.character
+    ends = {limb.end for limb in character.limb_by_end.values()}
+    legs = {body for foot in character.feet for body in _above(character, foot.body)}
+    sites = [one.site for one in asked]
+    sites += [one.to for one in asked if isinstance(one, RelativeConstraint)]
+    if {int(character.model.site(site).bodyid[0]) for site in sites} & (legs - ends):
+        return result
+    turned = knees_apart(result.motion, plan.source)
+    if turned is result.motion:
+        return _taking(result, began)
+    if obstacles is not None and _depth(obstacles, turned) > _depth(obstacles, result.motion):
+        return _taking(result, began)
+    return dataclasses.replace(_taking(result, began), motion=turned)
+
+
+def _above(character: Character, foot: int) -> set[int]:
+    """Return the bodies of a leg that ends in a foot."""
+    limb = character.limb_by_end.get(foot)
+    return set() if limb is None else {limb.upper, limb.lower, limb.end}
 
 
 def with_arms_clear(

@@ -40,6 +40,7 @@ class SelfClearance:
       kinematics: of the same model, with geoms, for as many frames.
       bodies: those that are to keep clear of the others, and of each other; all without.
       margin: distance to keep where the source keeps more [m].
+      others: of which ``bodies`` are to keep clear, where that is not all.
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class SelfClearance:
         kinematics: Kinematics,
         bodies: Collection[int] | None = None,
         margin: float = APART,
+        others: Collection[int] | None = None,
     ) -> None:
         self.model, self.margin = source.model, margin
         self._source, self._kinematics = source, kinematics
@@ -56,7 +58,11 @@ class SelfClearance:
         self._pairs = self_pairs(self.model)
         if bodies is not None:
             mine = np.isin(self.model.geom_bodyid[self._pairs], list(bodies))
-            self._pairs = self._pairs[mine.any(axis=1)]
+            theirs = np.ones_like(mine)
+            if others is not None:
+                theirs = np.isin(self.model.geom_bodyid[self._pairs], list(others))
+            both = (mine & theirs[:, ::-1]).any(axis=1)
+            self._pairs = self._pairs[both]
         size = self.model.geom_rbound[self._geoms]
         self._between, self._number = _joints_between(self.model, self._geoms)
         self._bound = np.full((len(size), len(size)), -1.0, np.float32)  # where there is no pair
