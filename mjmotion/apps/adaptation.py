@@ -21,6 +21,7 @@ from mjmotion.apps.clearing import (
     check_passage,
     past_obstacles,
     with_arms_clear,
+    with_arms_swung,
     with_knees_apart,
 )
 from mjmotion.body.character import Character
@@ -148,6 +149,7 @@ def fit_plan(
         result = past_obstacles(result, asked_for, clearance, solver, settings)
     plan, result = _with_relaxed_ankles(plan, result, near, solver, clearance)
     result = with_knees_apart(plan, result, near, clearance)
+    result = with_arms_swung(plan, result, near, clearance)
     result = with_arms_clear(plan, result, near, clearance, composed, settings, solver)
     if clearance is not None:
         check_passage(clearance, result)

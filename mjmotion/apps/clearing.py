@@ -10,6 +10,7 @@ import dataclasses
 import time
 from collections.abc import Sequence
 
+import mujoco
 import numpy as np
 
 from mjmotion.body.character import Character
@@ -18,6 +19,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.constraints import Constraint, RelativeConstraint
 from mjmotion.exceptions import ModelError, SceneError, frame_list
 from mjmotion.fitting import FINEST, TOLERANCE, Fit, default_levels, fit, whole
+from mjmotion.footsteps.arm_swing import arms_swung
 from mjmotion.footsteps.bow import bow
 from mjmotion.footsteps.clearances import BodyClearances, Clearances, pushed_clear
 from mjmotion.footsteps.knees_apart import knees_apart
@@ -123,9 +125,7 @@ def with_knees_apart(
     character = plan.source.character
     ends = {limb.end for limb in character.limb_by_end.values()}
     legs = {body for foot in character.feet for body in _above(character, foot.body)}
-    sites = [one.site for one in asked]
-    sites += [one.to for one in asked if isinstance(one, RelativeConstraint)]
-    if {int(character.model.site(site).bodyid[0]) for site in sites} & (legs - ends):
+    if {_body(character.model, site) for site in _sites(asked)} & (legs - ends):
         return result
     turned = knees_apart(result.motion, plan.source)
     if turned is result.motion:
@@ -133,6 +133,34 @@ def with_knees_apart(
     if obstacles is not None and _depth(obstacles, turned) > _depth(obstacles, result.motion):
         return _taking(result, began)
     return dataclasses.replace(_taking(result, began), motion=turned)
+
+
+def with_arms_swung(
+    plan: Plan, result: Fit, asked: Sequence[Constraint], obstacles: ObstacleClearance | None
+) -> Fit:
+    """Swing arms with the legs that are lifted higher than the source's.
+
+    Arms that something is asked of are left alone, and all of them where there is no room.
+    """
+    began = time.perf_counter()
+    model = plan.source.model
+    swung = arms_swung(result.motion, plan.source, {_body(model, site) for site in _sites(asked)})
+    if swung is result.motion:
+        return _taking(result, began)
+    if obstacles is not None and _depth(obstacles, swung) > _depth(obstacles, result.motion):
+        return _taking(result, began)
+    return dataclasses.replace(_taking(result, began), motion=swung)
+
+
+def _sites(asked: Sequence[Constraint]) -> list[str]:
+    """Return the sites that constraints are about."""
+    sites = [one.site for one in asked]
+    return sites + [one.to for one in asked if isinstance(one, RelativeConstraint)]
+
+
+def _body(model: mujoco.MjModel, site: str) -> int:
+    """Return the body of a site."""
+    return int(model.site(site).bodyid[0])
 
 
 def _above(character: Character, foot: int) -> set[int]:
