@@ -98,6 +98,11 @@ def test_arms_that_are_held_stay() -> None:
     motion, _ = raised(source, RAISED)
     hand = int(source.model.site("right_hand").bodyid[0])
     assert arms_swung(motion, source, {hand}) is motion
+    busy = np.zeros(source.nframe, dtype=bool)
+    busy[round(2.3 * FPS) :] = True
+    partly = arms_swung(motion, source, busy=busy)
+    np.testing.assert_array_equal(partly.qpos[busy], motion.qpos[busy])
+    assert np.abs(partly.qpos - motion.qpos).max() > 0.02
     # Arms that carry something in the source do not follow its thighs: nor do they here.
     qpos, carried = np.array(source.qpos), np.array(motion.qpos)
     for side in ("left", "right"):

@@ -140,15 +140,18 @@ def with_arms_swung(
 ) -> Fit:
     """Swing arms with the legs that are lifted higher than the source's.
 
-    Arms that something is asked of are left alone, and all of them where there is no room.
+    Arms that something is asked of are left alone, and all of them beside and under obstacles.
     """
     began = time.perf_counter()
-    model = plan.source.model
-    swung = arms_swung(result.motion, plan.source, {_body(model, site) for site in _sites(asked)})
-    if swung is result.motion:
-        return _taking(result, began)
-    if obstacles is not None and _depth(obstacles, swung) > _depth(obstacles, result.motion):
-        return _taking(result, began)
+    model, frames = plan.source.model, np.arange(plan.source.nframe)
+    held = {_body(model, site) for site in _sites(asked)}
+    swung = arms_swung(result.motion, plan.source, held)
+    if obstacles is not None and swung is not result.motion:
+        near, busy = obstacles.at_margin(DUCK_MARGIN), np.zeros(len(frames), dtype=bool)
+        for motion in (result.motion, swung):
+            busy[near(motion.qpos, frames).frame] = True
+        if busy.any():
+            swung = arms_swung(result.motion, plan.source, held, busy)
     return dataclasses.replace(_taking(result, began), motion=swung)
 
 

@@ -31,9 +31,15 @@ LITTLE, MUCH = (
     0.2,
 )  # thighs lifted by less ask nothing of arms, by more all that they do [rad]
 SWING_TIME = 0.08  # standard deviation of what smooths the arms' swing [s]
+_FAR = 4.0  # times that it reaches
 
 
-def arms_swung(motion: Motion, source: Motion, held: Collection[int] = ()) -> Motion:
+def arms_swung(
+    motion: Motion,
+    source: Motion,
+    held: Collection[int] = (),
+    busy: NDArray[np.bool_] | None = None,
+) -> Motion:
     """Return the motion with arms that swing with thighs lifted higher than in the source.
 
     With e how much higher one thigh is lifted, less by how much the other is, an arm of the other
@@ -45,6 +51,7 @@ def arms_swung(motion: Motion, source: Motion, held: Collection[int] = ()) -> Mo
       motion: the motion, on the character alone.
       source: what it was made of; as many frames, on the same character.
       held: bodies; arms that any of them is part of stay as they are.
+      busy: (nframe,) where all arms stay as they are; nowhere without.
     """
     try:
         parts = motion.character.parts
@@ -60,7 +67,8 @@ def arms_swung(motion: Motion, source: Motion, held: Collection[int] = ()) -> Mo
         number = parts.legs.index(leg)
         more = np.maximum(extra[number], 0.0) - np.maximum(extra[1 - number], 0.0)
         share = min(SHARE, _follows(was, leg, arm))
-        swing = _smooth(share * more * ease((more - LITTLE) / (MUCH - LITTLE)), motion.fps)
+        asked = share * more * ease((more - LITTLE) / (MUCH - LITTLE))
+        swing = _smooth(asked, busy, motion.fps)
         if share <= 0.0 or not swing.any():
             continue
         for bodies, part in ((arm.upper, 1.0), (arm.lower, ELBOW)):
@@ -101,9 +109,13 @@ def _follows(pose: Pose, leg: LimbParts, arm: LimbParts) -> float:
     return float((thigh @ upper) / max(thigh @ thigh, 1e-9))
 
 
-def _smooth(swing: Array, fps: float) -> Array:
-    """Return the swing (nframe,) [rad] smoothed, bounded, and nothing where nothing is near."""
-    from scipy.ndimage import gaussian_filter1d
+def _smooth(swing: Array, busy: NDArray[np.bool_] | None, fps: float) -> Array:
+    """Return the swing (nframe,) [rad] bounded and smoothed; nothing where arms are busy."""
+    from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
+    spread, far = SWING_TIME * fps, round(_FAR * SWING_TIME * fps)
     bounded = np.minimum(swing, MOST)
-    return np.asarray(gaussian_filter1d(bounded, SWING_TIME * fps, mode="nearest"))
+    if busy is not None:
+        wide = maximum_filter1d(busy.astype(np.int8), 2 * far + 1, mode="constant")
+        bounded = np.where(wide > 0, 0.0, bounded)
+    return np.asarray(gaussian_filter1d(bounded, spread, mode="nearest", radius=far))
