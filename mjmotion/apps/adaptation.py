@@ -149,7 +149,7 @@ def fit_plan(
         result = past_obstacles(result, asked_for, clearance, solver, settings)
     plan, result = _with_relaxed_ankles(plan, result, near, solver, clearance)
     result = with_knees_apart(plan, result, near, clearance)
-    result = with_arms_swung(plan, result, near, clearance)
+    result = with_arms_swung(plan, result, near, clearance, composed)
     result = with_arms_clear(plan, result, near, clearance, composed, settings, solver)
     if clearance is not None:
         check_passage(clearance, result)

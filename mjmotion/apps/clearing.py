@@ -28,7 +28,7 @@ from mjmotion.footsteps.plan import Plan
 from mjmotion.footsteps.self_clearance import SelfClearance
 from mjmotion.footsteps.surfaces import SurfaceClearance, find_surfaces
 from mjmotion.ik import IKSolver
-from mjmotion.ik.solver import default_rigidity
+from mjmotion.ik.solver import Clearance, default_rigidity
 from mjmotion.numerics.progress import Progress, no_progress
 
 DUCK_MARGIN = 0.05  # distance kept while the way through is found, more than in the end [m]
@@ -136,22 +136,33 @@ def with_knees_apart(
 
 
 def with_arms_swung(
-    plan: Plan, result: Fit, asked: Sequence[Constraint], obstacles: ObstacleClearance | None
+    plan: Plan,
+    result: Fit,
+    asked: Sequence[Constraint],
+    obstacles: ObstacleClearance | None,
+    composed: Character,
 ) -> Fit:
     """Swing arms with the legs that are lifted higher than the source's.
 
-    Arms that something is asked of are left alone, and all of them beside and under obstacles.
+    Arms that something is asked of are left alone; all of them beside and under obstacles, and
+    where arms are in the body or the ground, or would come to be.
     """
     began = time.perf_counter()
     model, frames = plan.source.model, np.arange(plan.source.nframe)
     held = {_body(model, site) for site in _sites(asked)}
     swung = arms_swung(result.motion, plan.source, held)
-    if obstacles is not None and swung is not result.motion:
-        near, busy = obstacles.at_margin(DUCK_MARGIN), np.zeros(len(frames), dtype=bool)
-        for motion in (result.motion, swung):
-            busy[near(motion.qpos, frames).frame] = True
-        if busy.any():
-            swung = arms_swung(result.motion, plan.source, held, busy)
+    if swung is result.motion:
+        return _taking(result, began)
+    _, inside = _around_arms(plan, result.motion, composed, _arms(plan.source.character))
+    tight: list[Clearance] = [inside]
+    if obstacles is not None:
+        tight.append(obstacles.at_margin(DUCK_MARGIN))
+    busy = np.zeros(len(frames), dtype=bool)
+    for motion in (result.motion, swung):
+        for clearance in tight:
+            busy[clearance(motion.qpos, frames).frame] = True
+    if busy.any():
+        swung = arms_swung(result.motion, plan.source, held, busy)
     return dataclasses.replace(_taking(result, began), motion=swung)
 
 
@@ -190,16 +201,9 @@ def with_arms_clear(
     arms = _arms(source.character)
     if not arms:
         return result
-    surfaces = find_surfaces(composed.model, result.motion.qpos[:, :3])
-    kinematics = Kinematics(source.model, nframe, geoms=True)
-    resting = {int(source.model.site(c.site).bodyid[0]) for c in plan.contacts}
-    others = set(range(source.model.nbody)) - arms
-    itself = SelfClearance(source, kinematics, arms)
-    ground = SurfaceClearance(source.character, surfaces, resting | others)
-    inside = BodyClearances(kinematics, (itself.at_margin(0.0), ground.at_margin(0.0)))
+    body, inside = _around_arms(plan, result.motion, composed, arms)
     if len(inside(result.motion.qpos, np.arange(nframe)).frame) == 0:
         return _taking(result, began)
-    body = BodyClearances(kinematics, (itself, ground))
     keep = body if obstacles is None else Clearances((obstacles.of(arms), body))
     levels = list(default_levels(source.fps) if settings.levels is None else settings.levels)
     rigidity = default_rigidity(source.model)
@@ -218,6 +222,21 @@ def with_arms_clear(
         pushed, asked_for, levels=[FINEST], ik=solver, clearance=obstacles, first_guess=False
     )
     return dataclasses.replace(again, trace=whole((looked.trace, again.trace)))
+
+
+def _around_arms(
+    plan: Plan, motion: Motion, composed: Character, arms: set[int]
+) -> tuple[BodyClearances, BodyClearances]:
+    """Return what arms keep clear of, body and ground, and the same where they are inside only."""
+    source = plan.source
+    surfaces = find_surfaces(composed.model, motion.qpos[:, :3])
+    kinematics = Kinematics(source.model, source.nframe, geoms=True)
+    resting = {_body(source.model, contact.site) for contact in plan.contacts}
+    others = set(range(source.model.nbody)) - arms
+    itself = SelfClearance(source, kinematics, arms)
+    ground = SurfaceClearance(source.character, surfaces, resting | others)
+    inside = BodyClearances(kinematics, (itself.at_margin(0.0), ground.at_margin(0.0)))
+    return BodyClearances(kinematics, (itself, ground)), inside
 
 
 def _depth(obstacles: ObstacleClearance, motion: Motion) -> float:
