@@ -21,6 +21,8 @@ from mjmotion.apps.clearing import (
     check_passage,
     past_obstacles,
     with_arms_clear,
+    with_arms_swung,
+    with_knees_apart,
 )
 from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics, site_id, site_positions
@@ -51,7 +53,7 @@ Array = NDArray[np.float64]
 
 ROOT_STIFFNESS = 15.0  # how much stiffer the root is than elsewhere: its path is planned
 LEAN = 0.25  # how far beyond a limb's reach the body may lean for a target [m]
-RELAX_ROUNDS = 2  # times that the fitted motion is asked whether its ankles can follow
+RELAX_ROUNDS = 4  # times that the fitted motion is asked whether its ankles can follow
 
 
 def adapt(  # more than eight parameters: all but the first two have a default
@@ -146,6 +148,8 @@ def fit_plan(
         clearance = ObstacleClearance(character, plan.obstacles, nframe)
         result = past_obstacles(result, asked_for, clearance, solver, settings)
     plan, result = _with_relaxed_ankles(plan, result, near, solver, clearance)
+    result = with_knees_apart(plan, result, near, clearance)
+    result = with_arms_swung(plan, result, near, clearance, composed)
     result = with_arms_clear(plan, result, near, clearance, composed, settings, solver)
     if clearance is not None:
         check_passage(clearance, result)

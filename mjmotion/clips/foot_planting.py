@@ -175,7 +175,10 @@ def _pin(
         tip, yaw = _roll_over_toe(goals, foot, stance, toe)
         if len(stance.flat):
             back = tip + rot.rotate(yaw, heel - toe)
-            _roll_over_heel(goals, foot, stance, heel, back, fps)
+            struck = _roll_over_heel(goals, foot, stance, heel, back, fps)
+            # A foot that slaps down may swing through: on its heel its toe is not under the ground.
+            deep = rot.rotate(foot.quat[struck], toe - heel)[:, 2] < (toe - heel)[2]
+            goals.turn(struck[deep], np.broadcast_to(yaw, (int(deep.sum()), 4)))
     change = rot.log(rot.multiply(goals.quat, rot.conjugate(foot.quat)))
     quat = rot.multiply(rot.exp(smooth_correction(change, goals.turned, fps)), foot.quat)
     return _fix_contacts(dataclasses.replace(foot, quat=quat), goals, heel, toe, fps)
@@ -222,15 +225,21 @@ def _roll_over_heel(
     heel: Array,
     position: Array,
     fps: float,
-) -> None:
-    """Fix the heel at its ``position`` (3,) [m] from where it has struck up to flat stance."""
+) -> NDArray[np.int64]:
+    """Fix the heel at its ``position`` (3,) [m] from where it has struck up to flat stance.
+
+    Returns:
+      (n,) the frames of that.
+    """
     recorded = foot.point(heel)
     struck = recorded[:, 2] - stance.height < _HEEL_DOWN
     struck &= speed_of(recorded, fps) < 3 * STILL
     first = int(stance.flat[0])
     while first > 0 and struck[first - 1] and goals.fixed[first - 1] == 0:
         first -= 1
-    goals.fix(np.arange(first, stance.flat[0]), heel, position)
+    frames = np.arange(first, stance.flat[0])
+    goals.fix(frames, heel, position)
+    return frames
 
 
 def _fix_contacts(

@@ -12,6 +12,7 @@ from mjmotion.body.joint_limits import swing_twist
 from mjmotion.body.limbs import two_bone_angles
 from mjmotion.body.motion import Motion
 from mjmotion.clips.dimensions import HumanoidDimensions
+from mjmotion.clips.foot_noise import steady_turns
 from mjmotion.clips.foot_planting import plant_feet
 from mjmotion.clips.recorded_feet import RecordedFoot
 from mjmotion.clips.rig import SIDES, Rig, find_rig
@@ -280,6 +281,9 @@ def _foot(source: UprightClip, side: str) -> RecordedFoot:
             source.rest_position(f"{side}_ankle") - source.rest_position(f"{side}_knee")
         )
         rest_pitch = float(np.arcsin(np.clip(rot.normalized(line) @ leg, -1, 1)))
+    # The ball comes along: it is where it is because of how the foot is turned.
+    joint, noisy = rot.to_matrix(steady_turns(rot.from_matrix(joint), source.clip.fps)), joint
+    ball = ankle + np.einsum("nij,nkj,nk->ni", joint, noisy, ball - ankle)
     return RecordedFoot.recorded(ankle, ball, joint, normal, rest_pitch, source.clip.fps)
 
 

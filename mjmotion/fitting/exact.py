@@ -58,16 +58,16 @@ class ExactPass:
         fitted = qpos
         solution = self.problem.enforce(qpos[self.targets.frames])
         error = float(solution.error.max(initial=0.0))
-        qpos, solution = self._within_reach(qpos, solution)
-        closed, beyond = self._closed(qpos, solution)
+        qpos, known = self._within_reach(qpos, solution)
+        closed, beyond = self._closed(qpos, known)
         before, turn, frames = math.inf, 0, self.targets.frames
         # What no smooth move of the root mends stays within limits, and is reported.
         while beyond.max() > LIMIT_SLACK and turn < _EASES and beyond.max() <= _BETTER * before:
             before, turn = float(beyond.max()), turn + 1
             qpos = self._ease(qpos, np.flatnonzero(beyond > LIMIT_SLACK))
             # A root that gave for a joint may have left a leg behind.
-            qpos, solution = self._within_reach(qpos, self.problem.enforce(qpos[frames]))
-            closed, beyond = self._closed(qpos, solution)
+            qpos, known = self._within_reach(qpos, self.problem.enforce(qpos[frames]))
+            closed, beyond = self._closed(qpos, known)
         if qpos is not fitted and (followed := self._follow(qpos)) is not qpos:
             closed, _ = self._closed(followed)
         return closed, error

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from mjmotion.body.feet import Foot
 from mjmotion.body.kinematics import Pose, site_id
 from mjmotion.constraints.shared_targets import SharedMove
-from mjmotion.footsteps.footholds import Foothold, Stance, carried
-from mjmotion.footsteps.swings import DIP, FADE_FRAMES, StepOver, wanted_clearance
+from mjmotion.footsteps.footholds import STEP, Foothold, Stance, carried
+from mjmotion.footsteps.swings import DIP, FADE_FRAMES, STUCK, StepOver, wanted_clearance
 from mjmotion.numerics.rotations import (
     conjugate,
     continuous,
@@ -39,6 +39,9 @@ Array = NDArray[np.float64]
 FADE_TIME = 0.03  # what a contact took away dies out as exp(-t / this) [s]
 SHORT_LEVER = 0.06  # least lever that a tip about a contact is reckoned with [m]
 FREE_RIGIDITY = 100.0  # α of a free foothold: 10 cm cost what 1 rad of a joint does [1/m²]
+BEFORE_RISER = 0.008  # how far before a riser a foot that rolls on its toe keeps [m]
+BACK_RUNG = 0.06  # steps in which it is tried how much less a foot must roll [rad]
+MOST_BACK = 0.48  # the most by which a foot rolls less, for the sake of a riser [rad]
 _INSIST = 60.0  # how much what a contact allows counts against smoothness
 
 
@@ -115,6 +118,7 @@ def foot_path(
     if detour is not None:
         quat = multiply(quat, exp(detour.tip[:, None] * np.array((0.0, 1.0, 0.0))))
         position = position + detour.aside
+    quat = _rolled_less(foot, holds, quat, ground, fading)
     held = holds.site_position(quat)
     position = position + fade(holds.any, held - position, fading)
     position[holds.any] = held[holds.any]
@@ -254,6 +258,47 @@ def _kept_out(foot: Foot, holds: _Holds, quat: Array, time: float) -> Array:
             tip += sign * envelope(mine, holds.flat, time)
     zero = np.zeros_like(tip)
     return multiply(quat, exp(np.stack((zero, tip, zero), axis=-1)))
+
+
+def _rolled_less(foot: Foot, holds: _Holds, quat: Array, ground: Ground, time: float) -> Array:
+    """Tip a foot on its toe back down where it would roll into a riser before it.
+
+    Where no less of a roll would do, it rolls as it would.
+    """
+    frames = np.flatnonzero(holds.toe & ~holds.heel)
+    back, less = np.zeros(len(quat)), np.zeros(len(frames))
+    inside = _in_riser(foot, holds, quat, ground, frames)
+    if not inside.any():
+        return quat
+    left = np.flatnonzero(inside)
+    for rung in np.arange(1, round(MOST_BACK / BACK_RUNG) + 1) * BACK_RUNG:
+        tried = multiply(quat, exp(np.array((0.0, -rung, 0.0))))
+        clear = ~_in_riser(foot, holds, tried, ground, frames[left])
+        less[left[clear]] = rung
+        left = left[~clear]
+        if len(left) == 0:
+            break
+    back[frames] = less
+    tip = envelope(back, holds.flat | holds.heel, time)
+    zero = np.zeros_like(tip)
+    return multiply(quat, exp(np.stack((zero, -tip, zero), axis=-1)))
+
+
+def _in_riser(
+    foot: Foot, holds: _Holds, quat: Array, ground: Ground, frames: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Whether a foot that turns about its toe is in ground that rises over its foothold's (n,)."""
+    position = holds.site_position(quat)[frames]
+    ahead = normalized(rotate(quat[frames], foot.toe - foot.heel) * (1.0, 1.0, 0.0))
+    points = position[:, None] + rotate(quat[frames, None], foot.shape)
+    points = points + BEFORE_RISER * ahead[:, None]
+    height, _ = ground.under(points)
+    top = np.where(np.isnan(height), -np.inf, height)
+    over = points - holds.position[frames, None]
+    over[..., 2] = top - holds.position[frames, None, 2]
+    normal = rotate(holds.quat[frames], np.array((0.0, 0.0, 1.0)))
+    rises = (over * normal[:, None]).sum(axis=2) > STEP
+    return np.asarray((rises & (top - points[..., 2] > STUCK)).any(axis=1))
 
 
 def _tip_to_clear(foot: Foot, holds: _Holds, quat: Array) -> Array:

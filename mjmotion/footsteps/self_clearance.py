@@ -39,6 +39,7 @@ class SelfClearance:
       kinematics: of the same model, with geoms, for as many frames.
       bodies: those that are to keep clear of the others, and of each other; all without.
       margin: distance to keep where the source keeps more [m].
+      others: of which ``bodies`` are to keep clear, where that is not all.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class SelfClearance:
         kinematics: Kinematics,
         bodies: Collection[int] | None = None,
         margin: float = APART,
+        others: Collection[int] | None = None,
     ) -> None:
         self.model, self.margin = source.model, margin
         self._source, self._kinematics = source, kinematics
@@ -56,15 +58,20 @@ class SelfClearance:
         if bodies is not None:
             mine = np.isin(self.model.geom_bodyid[self._geoms], list(bodies))
         self._mine = np.flatnonzero(mine)  # one of every pair is among these
+        rest = np.ones_like(mine)
+        if others is not None:
+            rest = np.isin(self.model.geom_bodyid[self._geoms], list(others))
         size = self.model.geom_rbound[self._geoms]
         self._between, number = _joints_between(self.model, self._geoms)
         self._number = number[self._mine]
         first, second = np.searchsorted(self._geoms, self_pairs(self.model)).T
+        wanted = (mine[first] & rest[second]) | (mine[second] & rest[first])
+        first, second = first[wanted], second[wanted]
         bound = np.full((len(size), len(size)), -1.0, np.float32)  # where there is no pair
         bound[first, second] = (size[first] + size[second] + APART + _ROUNDING) ** 2
         # A pair of two of them is looked at once; one of another and one of them, turned round.
-        theirs = ~mine[first] & mine[second]
-        bound[second[theirs], first[theirs]] = bound[first[theirs], second[theirs]]
+        turned = ~mine[first] & mine[second]
+        bound[second[turned], first[turned]] = bound[first[turned], second[turned]]
         self._bound = bound[self._mine]
 
     def at_margin(self, margin: float) -> SelfClearance:

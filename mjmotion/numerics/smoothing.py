@@ -114,6 +114,28 @@ def blend(weight: Array, values: Array, time: float) -> Array:
     return _solve(band, weight[:, None] * values)
 
 
+def follow(values: Array, weight: Array, time: float) -> Array:
+    """Return smooth curves that follow values as far as each of them counts.
+
+    They minimise ``τ⁶ |Δ³c|² + Σ weight |c − values|²``: of a wave of f cycles a frame, weights all
+    1, ``1 / (1 + (2 τ sin πf)⁶)`` is left, undelayed.
+
+    Args:
+      values: (nframe, k).
+      weight: (nframe,) above 0.
+      time: τ [frames].
+
+    Returns:
+      (nframe, k).
+    """
+    nframe = len(values)
+    if nframe < 5:
+        return np.array(values)
+    band = _energy(nframe, (0.0, 0.0, 0.0, time**6))
+    band[0] += weight
+    return _solve(band, weight[:, None] * values)
+
+
 def envelope(need: Array, fixed: NDArray[np.bool_], time: float) -> Array:
     """Return a smooth curve that is zero at the fixed frames and nowhere below ``need``.
 
