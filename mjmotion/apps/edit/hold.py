@@ -94,8 +94,10 @@ class Held:
           moved: the motion with its body where it is to be.
           fade: (nframe,) how much of that each frame may take.
         """
-        before, _ = relax_ankles(source, self.feet, self.paths, ())
         after, _ = relax_ankles(moved, self.feet, self.paths, ())
+        if after == self.paths:
+            return self
+        before, _ = relax_ankles(source, self.feet, self.paths, ())
         paths, contacts = [], list(self.contacts)
         for foot, path, old, new in zip(self.feet, self.paths, before, after, strict=True):
             # What the source lacked already is its own.

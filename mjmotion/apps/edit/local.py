@@ -155,11 +155,13 @@ class LocalEdit:
         if far and dragged <= ends:
             return qpos
         fixed[self.span.frame : self.span.last + 1] |= bool(dragged) and not dragged <= ends
-        own, qpos = problem.enforce(self.source.qpos[frames]).rise, qpos.copy()
+        own, qpos = None, qpos.copy()
         for _ in range(_REACH_ROUNDS):
             rise = problem.enforce(qpos[frames]).rise
-            if own is None or rise is None or not rise.any():
+            if rise is None or not rise.any():
                 return qpos
+            own = problem.enforce(self.source.qpos[frames]).rise if own is None else own
+            assert own is not None
             for sign in (1.0, -1.0):
                 need = np.zeros(len(qpos))
                 # Legs that were straight already are the source's own.

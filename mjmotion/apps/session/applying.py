@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from mjmotion.apps.edit import Span
 from mjmotion.apps.edit.hold import Held, keep
 from mjmotion.apps.edit.local import LocalEdit
+from mjmotion.apps.edit.window import Window
 from mjmotion.apps.session.edits import Drag, Edit, Footprint, Pin, Settings
 from mjmotion.body.kinematics import site_id, site_positions
 from mjmotion.body.motion import Motion
@@ -173,10 +174,13 @@ def _footprint(edit: Footprint, before: Step, ground: Ground | None) -> Step:
     number = sides.index(edit.side)
     start, end = stay(before.contacts, edit.side, edit.frame)
     span = Span(start, edit.settings.frames_per_knot, motion.nframe, end - start)
-    held = keep(motion, before.contacts, span, (), "feet", before.pinned)
-    share = _share(before.contacts, edit.side, (start, end), span)
+    window = Window.of(motion, before.contacts, span, before.pinned)
+    part = window.span
+    held = keep(window.motion, window.contacts, part, (), "feet", window.pinned)
+    stance = part.frame, part.last + 1
+    share = _share(window.contacts, edit.side, stance, part)
     path = held.paths[number]
-    old, new = _moved_foothold(edit, motion, number, held, (start, end), ground)
+    old, new = _moved_foothold(edit, window.motion, number, held, stance, ground)
     move = new.position - old.position
     turn = log(multiply(new.quat, conjugate(old.quat)))
     quat = multiply(exp(share[:, None] * turn), path.quat)
@@ -185,19 +189,18 @@ def _footprint(edit: Footprint, before: Step, ground: Ground | None) -> Step:
     position = old.position + share[:, None] * move + rotate(exp(share[:, None] * turn), place)
     moved_path = dataclasses.replace(path, position=position, quat=quat)
     paths = (*held.paths[:number], moved_path, *held.paths[number + 1 :])
-    held = dataclasses.replace(held, paths=paths)
-    guess = share[:, None] * move / len(sides)
-    edit_ = LocalEdit(
-        motion,
-        span,
-        held,
+    local = LocalEdit(
+        window.motion,
+        part,
+        dataclasses.replace(held, paths=paths),
         [],
         rigidity_of(motion.model, edit.settings),
-        guess=guess,
+        guess=share[:, None] * move / len(sides),
         ik=edit.settings.ik,
     )
-    moved, held, trace = edit_.run(edit.settings.knots, TOLERANCE, edit.settings.exact)
-    return Step(moved, held.contacts, before.pinned, trace, span.frames)
+    moved, held, trace = local.run(edit.settings.knots, TOLERANCE, edit.settings.exact)
+    whole, contacts = window.put_back(moved, held.contacts)
+    return Step(whole, contacts, before.pinned, trace, span.frames)
 
 
 def stay(contacts: Sequence[Contact], side: str, frame: int) -> tuple[int, int]:
