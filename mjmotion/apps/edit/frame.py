@@ -29,6 +29,7 @@ from mjmotion.fitting import TOLERANCE, Trace, run_level
 from mjmotion.fitting.levels import BETTER, check_levels, check_tolerance
 from mjmotion.fitting.trace import Stopwatch
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
+from mjmotion.footsteps.paths import with_toes
 from mjmotion.ik import HybridIK, IKProblem, Solution
 from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.smoothing import envelope
@@ -101,6 +102,7 @@ def edit_frame(  # more than eight parameters: all but the first three have a de
     moved, held, trace = _Edit(source, span, held, drags).run(levels, check_tolerance(tolerance))
     asked = [*held.constraints(), *drags]
     targets = lay_out(asked, source.model, source.nframe)
+    moved = with_toes(moved, held.paths)
     return Result(source, moved, held.contacts, trace, find_unmet(moved, targets, asked))
 
 
