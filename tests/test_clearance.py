@@ -125,7 +125,7 @@ def test_distances_are_mujocos() -> None:
     box = spec.worldbody.add_geom(name="kerb", size=(0.1, 1.0, 0.2), pos=(1.0, 0.0, 0.2))
     box.type = mujoco.mjtGeom.mjGEOM_BOX
     model = spec.compile()
-    data, feet = mujoco.MjData(model), {foot.body for foot in character().feet}
+    data, feet = mujoco.MjData(model), {body for foot in character().feet for body in foot.bodies}
     solids = [g for g in character_geoms(model, colliding=True) if model.geom_bodyid[g] not in feet]
     keep = clearance(kerb)
     places = (0.83, 0.85, 0.87, 0.90)

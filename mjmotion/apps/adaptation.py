@@ -39,9 +39,10 @@ from mjmotion.constraints import (
 from mjmotion.constraints.shared_targets import with_moves
 from mjmotion.constraints.unmet import find_unmet
 from mjmotion.fitting import FINEST, TOLERANCE, Fit, fit, whole
-from mjmotion.footsteps.ankles import relax_ankles
+from mjmotion.footsteps.ankles import SHORTEST, relax_ankles, trim_toe_contacts
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.obstacles import ObstacleClearance
+from mjmotion.footsteps.paths import with_toes
 from mjmotion.footsteps.plan import Plan, make_plan, shifted, with_free_footholds
 from mjmotion.ik import IKSolver, make_solver
 from mjmotion.ik.solver import default_rigidity
@@ -159,7 +160,7 @@ def fit_plan(
     source = plan.source.on(composed)
     return Result(
         source,
-        source.replace(result.motion.qpos),
+        source.replace(with_toes(result.motion, plan.paths).qpos),
         plan.contacts,
         result.trace,
         find_unmet(result.motion, targets, wanted),
@@ -178,11 +179,19 @@ def _with_relaxed_ankles(
     Only the fitted motion shows for certain what the ankles are asked for.
     """
     posed = {path.site for path in plan.paths}
+    motion = plan.source
     feet = [foot for foot in plan.source.character.feet if foot.site in posed] if posed else []
     for _ in range(RELAX_ROUNDS):
         paths, contacts = relax_ankles(result.motion, feet, plan.paths, plan.contacts, plan.source)
         if paths == plan.paths:
             break
+        contacts = trim_toe_contacts(
+            contacts,
+            motion.character.feet,
+            paths,
+            (plan.stances, plan.footholds),
+            SHORTEST * motion.fps,
+        )
         plan = dataclasses.replace(plan, paths=paths, contacts=contacts)
         again = fit(
             result.motion,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -81,4 +83,18 @@ def close_legs(legs: Limbs, qpos: Array, feet: tuple[Array, Array]) -> Array:
             else:
                 quat = qpos[:, address : address + 4]
                 qpos[:, address : address + 4] = multiply(quat, exp(move[:, column, dofs]))
+    return qpos
+
+
+def with_toes(character: Character, qpos: Array, bends: Sequence[Array]) -> Array:
+    """Return the poses (n, nq) with the toes of both feet bent up by (n,) [rad], where they bend.
+
+    Args:
+      character: the humanoid.
+      qpos: (n, nq) poses.
+      bends: left and right.
+    """
+    for foot in character.feet:
+        if foot.side in SIDES and foot.toes is not None:
+            qpos = foot.toes.put(qpos, bends[SIDES.index(foot.side)])
     return qpos

@@ -191,7 +191,7 @@ class ObstacleClearance:
         self._data = mujoco.MjData(self.model)
         mujoco.mj_kinematics(self.model, self._data)
         self._kinematics = Kinematics(self.model, nframe, geoms=True)
-        foot_bodies = {foot.body for foot in character.feet}
+        foot_bodies = {body for foot in character.feet for body in foot.bodies}
         self._mine = character_geoms(self.model)
         self._geoms = np.array(
             [

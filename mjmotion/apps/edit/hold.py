@@ -19,7 +19,7 @@ from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import ModelError
 from mjmotion.footsteps.ankles import relax_ankles, trim_heel_contacts
 from mjmotion.footsteps.contacts import Contact
-from mjmotion.footsteps.paths import FootPath
+from mjmotion.footsteps.paths import FootPath, turned_about_toes
 from mjmotion.numerics.rotations import (
     conjugate,
     continuous,
@@ -27,7 +27,6 @@ from mjmotion.numerics.rotations import (
     from_matrix,
     log,
     multiply,
-    rotate,
 )
 
 Array = NDArray[np.float64]
@@ -72,7 +71,7 @@ class Held:
                 path,
                 **{
                     name: getattr(path, name)[row]
-                    for name in ("position", "quat", "shift", "stance", "lift")
+                    for name in ("position", "quat", "shift", "stance", "lift", "toes")
                 },
             )
             for path in self.paths
@@ -106,8 +105,7 @@ class Held:
                 paths.append(path)
                 continue
             quat = multiply(path.quat, exp(turn))
-            position = path.position + rotate(path.quat, foot.toe) - rotate(quat, foot.toe)
-            paths.append(dataclasses.replace(path, position=position, quat=quat))
+            paths.append(turned_about_toes(path, foot, quat))
             contacts = trim_heel_contacts(contacts, foot, path, paths[-1], SHORTEST * source.fps)
         return dataclasses.replace(self, paths=tuple(paths), contacts=tuple(contacts))
 
@@ -169,6 +167,7 @@ def keep(
                 np.zeros((motion.nframe, 3)),
                 held,
                 np.zeros(motion.nframe),
+                foot.bend(pose) if foot.toes is None else foot.toes.wanted(foot.bend(pose)),
             )
         )
     return Held(tuple(feet.values()), tuple(paths), tuple(others), tuple(left))

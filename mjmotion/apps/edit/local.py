@@ -28,6 +28,7 @@ from mjmotion.constraints.unmet import residuals
 from mjmotion.fitting import Trace, run_level
 from mjmotion.fitting.levels import BETTER
 from mjmotion.fitting.trace import Stopwatch
+from mjmotion.footsteps.paths import with_toes
 from mjmotion.ik import IKProblem, Solution, make_solver
 from mjmotion.numerics.smoothing import envelope
 from mjmotion.numerics.tangent import ominus, oplus
@@ -101,7 +102,7 @@ class LocalEdit:
         if exact:
             closing = problem.enforce(qpos[frames]).displacement
             qpos[frames] = oplus(model, qpos[frames], closing)
-        moved = self.source.replace(self._within_limits(qpos))
+        moved = with_toes(self.source.replace(self._within_limits(qpos)), held.paths)
         left = float(residuals(moved, targets).max(initial=0.0))
         nscalar = sum(one.nscalar for one in [*held.constraints(), *self.asked])
         return moved, held, watch.trace(errors[-1], left, nscalar)
