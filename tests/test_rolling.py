@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
+from mjmotion.body.feet import Foot
 from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.motion import Motion
 from mjmotion.clips.gait import Segment, make_walk
@@ -18,10 +21,17 @@ GAP, RISE = 0.012, 0.14  # of the riser before the toe, and its height [m]
 GRAZE = 0.003  # how far a foot may be in it after all, between the points that are looked at [m]
 
 
+def rigid(motion: Motion) -> Foot:
+    """The left foot as one whose toes do not bend: it rolls over their tip."""
+    foot = motion.character.feet[0]
+    none = np.zeros(len(foot.shape), dtype=bool)
+    return dataclasses.replace(foot, toe=foot.front, toes=None, bends=none)
+
+
 def planned(gap: float) -> tuple[Motion, Stance, FootPath, float]:
     """A walk's path with a riser so far before the toe of one of its stances, and where that is."""
     motion = make_walk("humanoid", segments=[Segment("straight", 4)], fps=60.0)
-    foot = motion.character.feet[0]
+    foot = rigid(motion)
     pose = Kinematics(motion.model, motion.nframe).forward(motion.qpos)
     stances = find_stances(motion, pose, (foot,), only(motion, foot.side))
     stance = stances[1]
@@ -49,7 +59,7 @@ def only(motion: Motion, side: str) -> list[Contact]:
 
 def depth(motion: Motion, stance: Stance, path: FootPath, edge: float) -> float:
     """How far over the riser's edge, and under its top, a standing foot is [m]."""
-    points = rotate(path.quat[:, None], motion.character.feet[0].shape) + path.position[:, None]
+    points = rotate(path.quat[:, None], rigid(motion).shape) + path.position[:, None]
     points = points[stance.start : stance.end]
     beyond = np.where(points[..., 2] < RISE, points[..., 0] - edge, 0.0)
     return float(beyond.max())
@@ -57,7 +67,7 @@ def depth(motion: Motion, stance: Stance, path: FootPath, edge: float) -> float:
 
 def tip(motion: Motion, path: FootPath) -> np.ndarray:
     """How far the heel is over the toe (nframe,) [rad]."""
-    foot = motion.character.feet[0]
+    foot = rigid(motion)
     along = rotate(path.quat, foot.toe - foot.heel)
     return np.arctan2(-along[:, 2], np.hypot(along[:, 0], along[:, 1]))
 
@@ -70,7 +80,7 @@ def test_a_toe_does_not_tip_into_a_riser() -> None:
     rolled = slice(stance.toe[0], stance.toe[1])
     assert tip(motion, path)[rolled].max() < tip(motion, far)[rolled].max() - 0.02
     # The toe stays on its spot, and a heel that stands is where it was.
-    foot = motion.character.feet[0]
+    foot = rigid(motion)
     toe = path.position + rotate(path.quat, foot.toe)
     assert np.ptp(toe[rolled], axis=0).max() < 1e-9
     flat = slice(*stance.heel)
