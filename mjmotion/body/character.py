@@ -239,13 +239,10 @@ def read_spec(source: str | Path | mujoco.MjSpec) -> tuple[mujoco.MjSpec, str]:
 
 def quaternion_addresses(model: mujoco.MjModel) -> list[int]:
     """Return where in ``qpos`` each quaternion begins: the root's and every ball's."""
-    addresses = []
-    for joint in range(model.njnt):
-        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
-            addresses.append(int(model.jnt_qposadr[joint]) + 3)
-        elif model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL:
-            addresses.append(int(model.jnt_qposadr[joint]))
-    return addresses
+    kind, address = model.jnt_type, model.jnt_qposadr
+    free = kind == mujoco.mjtJoint.mjJNT_FREE
+    turns = free | (kind == mujoco.mjtJoint.mjJNT_BALL)
+    return list((address + 3 * free)[turns].tolist())
 
 
 def joint_names(model: mujoco.MjModel) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import mujoco
 import numpy as np
@@ -32,6 +32,7 @@ from mjmotion.numerics.rotations import (
 Array = NDArray[np.float64]
 Hold = Literal["feet", "contacts", "frame"]
 
+Paths: TypeAlias = tuple[FootPath, ...]
 HOLDS: tuple[Hold, ...] = ("feet", "contacts", "frame")
 SHORTEST = 0.07  # what is left of a heel's contact is dropped when it is shorter [s]
 
@@ -85,18 +86,21 @@ class Held:
         )
         return Held(self.feet, paths, others, ())
 
-    def relaxed(self, source: Motion, moved: Motion, fade: Array) -> Held:
+    def own(self, source: Motion) -> Paths:
+        """Return the feet's paths as the source's own ankles can follow them."""
+        return relax_ankles(source, self.feet, self.paths, ())[0]
+
+    def relaxed(self, moved: Motion, fade: Array, before: Paths) -> Held:
         """Return it with heels raised where the moved body's ankles could not follow otherwise.
 
         Args:
-          source: the motion before.
           moved: the motion with its body where it is to be.
           fade: (nframe,) how much of that each frame may take.
+          before: what :meth:`own` returns for the motion before.
         """
         after, _ = relax_ankles(moved, self.feet, self.paths, ())
         if after == self.paths:
             return self
-        before, _ = relax_ankles(source, self.feet, self.paths, ())
         paths, contacts = [], list(self.contacts)
         for foot, path, old, new in zip(self.feet, self.paths, before, after, strict=True):
             # What the source lacked already is its own.
@@ -106,7 +110,7 @@ class Held:
                 continue
             quat = multiply(path.quat, exp(turn))
             paths.append(turned_about_toes(path, foot, quat))
-            contacts = trim_heel_contacts(contacts, foot, path, paths[-1], SHORTEST * source.fps)
+            contacts = trim_heel_contacts(contacts, foot, path, paths[-1], SHORTEST * moved.fps)
         return dataclasses.replace(self, paths=tuple(paths), contacts=tuple(contacts))
 
 

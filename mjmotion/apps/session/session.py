@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.apps.adaptation import adapt, as_clip
 from mjmotion.apps.edit.span import Span
-from mjmotion.apps.session.applying import Step, apply
-from mjmotion.apps.session.edits import Edit, Footprint, Settings
+from mjmotion.apps.session.applying import Grab, Step, apply
+from mjmotion.apps.session.edits import Drag, Edit, Footprint, Settings
 from mjmotion.apps.session.scene_parts import moved_scene
 from mjmotion.body.kinematics import site_id, site_positions
 from mjmotion.body.motion import Motion
@@ -126,6 +126,7 @@ class EditSession:
         self._state = State(contacts=given, settings=settings or Settings())
         self._bases: dict[tuple[object, Moves], tuple[Motion, Step]] = {}
         self._source, self._step = self._base(self._state)
+        self._grab: Grab | None = None
         self._done: list[_Change] = []
         self._undone: list[_Change] = []
 
@@ -211,7 +212,18 @@ class EditSession:
         Raises:
           SessionError, ModelError: as :func:`mjmotion.apps.session.apply`.
         """
-        return apply(edit, self._step, self._ground(self._state))
+        if not isinstance(edit, Drag):
+            return apply(edit, self._step, self._ground(self._state))
+        grab = self._grab  # of the drag before: the same site, dragged on
+        if grab is None or (grab.before, grab.site, grab.frame, grab.settings) != (
+            self._step,
+            edit.site,
+            edit.frame,
+            edit.settings,
+        ):
+            grab = Grab.of(self._step, edit.site, edit.frame, edit.settings)
+        self._grab = grab
+        return grab.to(edit.position)
 
     def do(self, edit: Edit, step: Step | None = None) -> None:
         """Add an edit.
