@@ -80,6 +80,7 @@ class LocalEdit:
         """
         character, span = self.source.character, self.span
         model, qpos = character.model, np.array(self.source.qpos)
+        asked = [self._by_posed_site(one) for one in asked]
         if self.guess is not None:
             qpos[:, :3] += self.guess
         watch, reached = Stopwatch(character.height), list(asked)
@@ -99,7 +100,8 @@ class LocalEdit:
         far = any(new is not old for new, old in zip(reached, asked, strict=True))
         qpos, closing = self._reach(qpos, self._problem(targets), targets.frames, asked, far)
         if self._lets_go(targets, closing):
-            targets = lay_out(asks, model, self.source.nframe)
+            if any(not self._on_limb(one) for one in self.held.others):
+                targets = lay_out(asks, model, self.source.nframe)
             qpos, closing, errors = self._levels(qpos, targets, levels, tolerance, watch)
         else:
             # Closing follows the body as smoothly as the body moves: splines have nothing to do.
@@ -122,8 +124,10 @@ class LocalEdit:
         problem, frames = self._problem(targets), targets.frames
         watch.start()
         last, errors = None, []
+        on_limbs = all(self._on_limb(one) for one in self.held.others)
         while True:
-            last = problem.solve(qpos[frames], last)
+            # The body is where the first level put it; only where more of it is held it moves on.
+            last = problem.enforce(qpos[frames]) if on_limbs else problem.solve(qpos[frames], last)
             errors.append(float(last.error.max(initial=0.0)))
             frames_per_knot = _next_level(levels, len(watch), errors, tolerance)
             if frames_per_knot is None:
@@ -239,6 +243,16 @@ class LocalEdit:
                 break
             closing = problem.enforce(qpos[frames])
         return qpos, closing
+
+    def _by_posed_site(self, drag: SiteConstraint) -> SiteConstraint:
+        """Return the drag of a heel or toe as that of its foot's posed site: it goes along."""
+        feet = [foot for foot in self.held.feet if foot.body == self._body(drag)]
+        if not feet or drag.position is None or self.span.length != 1 or drag.quat is not None:
+            return drag
+        frame = self.source.qpos[self.span.frame : self.span.frame + 1]
+        sites = np.array([site_id(self.source.model, name) for name in (drag.site, feet[0].site)])
+        here, posed = site_positions(self.source.model, frame, sites)[0]
+        return dataclasses.replace(drag, site=feet[0].site, position=drag.position + (posed - here))
 
     def _moves_feet(self, asked: Sequence[SiteConstraint]) -> bool:
         """Return whether what is dragged is of a leg."""
