@@ -293,6 +293,18 @@ def test_a_saved_session_gives_the_same_bytes(saved: tuple[Path, bytes], tmp_pat
     assert not list(tmp_path.glob(".*"))
 
 
+def test_our_own_session_bends_the_walk() -> None:
+    """Figure 2's bend; where the built-in walk was changed: scripts/make_sessions.py."""
+    opened = load_session("bend")
+    moved = loop_sites(opened.motion.model, opened.motion.qpos)
+    moved = moved - loop_sites(opened.source.model, opened.source.qpos)
+    head = moved[60, opened.motion.model.site("head_top").id]
+    assert head[0] > 0.15 and head[2] < -0.15
+    assert max(opened.residuals()) < NEAR
+    with pytest.raises(SessionError, match="cannot read"):
+        load_session("bent")
+
+
 def test_replay_writes_the_same_motion(saved: tuple[Path, bytes], tmp_path: Path) -> None:
     path, motion = saved
     done = command_line.run("replay", path, "--out", tmp_path / "out", "--no-video")
