@@ -393,8 +393,7 @@ def _assemble(
         ball(f"{side}_shoulder", "torso", f"{side}_upper_arm")
         ball(f"{side}_wrist", f"{side}_forearm", f"{side}_hand")
         put(f"{side}_knee", knees[side][:, None])
-        half = knees[side] / 2
-        bend = np.stack([np.cos(half), zero, np.sin(half), zero], axis=-1)
+        bend = np.stack([np.cos(knees[side] / 2), zero, np.sin(knees[side] / 2), zero], axis=-1)
         body = body | {f"{side}_shank": rot.multiply(body[f"{side}_thigh"], bend)}
         ball(f"{side}_hip", "pelvis", f"{side}_thigh")
         ball(f"{side}_ankle", f"{side}_shank", f"{side}_foot")

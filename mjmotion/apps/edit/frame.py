@@ -83,11 +83,23 @@ def edit_frame(  # more than eight parameters: all but the first three have a de
     )
     span = Span(frame, int(levels[0]), source.nframe)
     drags = _drags(source, frame, [site] if isinstance(site, str) else list(site), by, to)
+    return _edited(source, stands, span, drags, hold, (levels, check_tolerance(tolerance)))
+
+
+def _edited(
+    source: Motion,
+    stands: Sequence[Contact],
+    span: Span,
+    drags: list[SiteConstraint],
+    hold: Hold,
+    until: tuple[tuple[float, ...], float],
+) -> Result:
+    """Return the result of drags; ``until`` are the levels and the tolerance."""
     window = Window.of(source, stands, span)
     mine = window.constraints(drags)
     held = keep(window.motion, window.contacts, window.span, mine, hold)
     edit = LocalEdit(window.motion, window.span, held, default_rigidity(source.model))
-    part, held, trace = edit.run(mine, levels, check_tolerance(tolerance))
+    part, held, trace = edit.run(mine, *until)
     targets = lay_out([*held.constraints(), *mine], source.model, part.nframe)
     unmet = find_unmet(part, targets, [*held.constraints(), *mine])
     moved, contacts = window.put_back(part, held.contacts)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mjmotion.apps.edit.span import Span
 from mjmotion.body.character import Character
 from mjmotion.body.feet import Foot
-from mjmotion.body.kinematics import Kinematics, site_id
+from mjmotion.body.kinematics import Kinematics, Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import ModelError
@@ -162,19 +162,22 @@ def keep(
     paths = []
     for body, foot in feet.items():
         held = allowed if hold == "feet" and body not in dragged else stands[body]
-        site = site_id(model, foot.site)
-        paths.append(
-            FootPath(
-                foot.site,
-                np.array(pose.site_xpos[:, site]),
-                continuous(from_matrix(pose.site_xmat[:, site])),
-                np.zeros((motion.nframe, 3)),
-                held,
-                np.zeros(motion.nframe),
-                foot.bend(pose) if foot.toes is None else foot.toes.wanted(foot.bend(pose)),
-            )
-        )
+        paths.append(_own_path(foot, pose, held))
     return Held(tuple(feet.values()), tuple(paths), tuple(others), tuple(left))
+
+
+def _own_path(foot: Foot, pose: Pose, held: NDArray[np.bool_]) -> FootPath:
+    """Return the path that a foot goes, held there at some frames (nframe,)."""
+    site, nframe = site_id(pose.model, foot.site), len(held)
+    return FootPath(
+        foot.site,
+        np.array(pose.site_xpos[:, site]),
+        continuous(from_matrix(pose.site_xmat[:, site])),
+        np.zeros((nframe, 3)),
+        held,
+        np.zeros(nframe),
+        foot.bend(pose) if foot.toes is None else foot.toes.wanted(foot.bend(pose)),
+    )
 
 
 def _within(

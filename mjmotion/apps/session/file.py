@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from mjmotion.apps.session.edits import from_json, settings_from_json, to_json
-from mjmotion.apps.session.session import EditSession, State
+from mjmotion.apps.session.history import State
+from mjmotion.apps.session.session import EditSession
 from mjmotion.body.assets import asset_names, find_asset
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import MotionError, SessionError
