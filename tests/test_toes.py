@@ -17,7 +17,7 @@ from mjmotion.footsteps.contacts import contact_mask
 from mjmotion.footsteps.footholds import TOES_DOWN, TOES_UP, toes_on_ground
 from mjmotion.footsteps.paths import turned_about_toes, with_toes
 from mjmotion.footsteps.plan import Plan, make_plan
-from mjmotion.footsteps.toes import ball_over_tip, pitch_between
+from mjmotion.footsteps.toes import ball_over_tip, pitch_between, rolled_no_further
 from mjmotion.ik.count import parameters
 from mjmotion.numerics.rotations import exp, rotate, to_matrix
 from mjmotion.scene import Scene, load_scene
@@ -25,6 +25,7 @@ from mjmotion.validation import validate
 
 LONG = 0.077  # from the ball to the tip of our adult's toes [m]
 FLAT_WITHIN = 1e-3  # toes that lie on the ground are no further off it [m]
+ROLLED_WITHIN = 3e-4  # an end of a ball is as far down as it may be [m]
 FEET = ("left_foot", "right_foot")
 SLOPE = np.deg2rad(8.0)
 
@@ -121,6 +122,23 @@ def test_they_stay_within_their_range_and_the_foot_goes_on_over_their_tip() -> N
     np.testing.assert_allclose(tips[1][frames], tips[0][frames], atol=1e-9)
     bent = with_toes(plan.source, [turned])
     assert bent.character.limits.excess(bent.qpos).max() < 1e-9
+
+
+@pytest.mark.parametrize("roll", [-0.3, 0.3])
+def test_a_ball_that_stands_is_not_rolled_on_to_one_end(roll: float) -> None:
+    """An ankle that asks for a roll gets it in the air alone: a ball is a line, not a point."""
+    foot, count = humanoid().feet[0], 3
+    assert foot.toes is not None
+    still = np.tile((1.0, 0.0, 0.0, 0.0), (count, 1))
+    turned = exp(np.tile((roll, 0.2, 0.1), (count, 1)))
+    stance, room = np.array((True, True, False)), np.array((0.0, 0.005, 1.0))
+    quat, left = rolled_no_further(foot, (still, turned), np.zeros(count), stance, room)
+    ends = rotate(quat[:, None], (foot.sole[-2:] - foot.toe)[None])[..., 2]
+    flat = (foot.sole[-2:] - foot.toe)[:, 2]
+    np.testing.assert_allclose((flat - ends).max(axis=1)[:2], room[:2], atol=ROLLED_WITHIN)
+    np.testing.assert_array_equal(quat[2], turned[2])
+    np.testing.assert_allclose(left[:2], 0.0, atol=ROLLED_WITHIN)
+    np.testing.assert_allclose(pitch_between(still, quat), pitch_between(still, turned), atol=0.03)
 
 
 def _multiplied(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -39,6 +39,7 @@ _FREE = 3.0  # times GIVE_TIME after which a foot that left the ground turns as 
 HEEL_PULL = 20.0  # acceleration with which a heel leaves the ground [m/s²]
 _EDGE = 0.002  # of its range that an ankle is never planned to be at [rad]
 SLACK = 0.025  # what an ankle may use of the margin before anything gives [rad]
+_GIVES = 5e-4  # a foot that is turned back by less has no more to give [rad]
 _LIFTED = 2e-4  # a heel this far off its foothold no longer stands [m]
 
 
@@ -222,7 +223,9 @@ def _turn_back(
     back = multiply(multiply(conjugate(to_site), back), to_site)
     quat = multiply(path.quat, back)
     # Always about the toe: the heel goes up, and nothing goes down.
-    return turned_about_toes(path, foot, quat)
+    turned = turned_about_toes(path, foot, quat)
+    gives = np.abs(multiply(conjugate(path.quat), turned.quat)[:, 1:]).max() > _GIVES
+    return turned if gives else None
 
 
 def trim_toe_contacts(

@@ -22,7 +22,13 @@ from mjmotion.constraints.shared_targets import SharedMove
 from mjmotion.footsteps.footholds import Foothold, Stance, carried
 from mjmotion.footsteps.holds import Holds, rolled_less
 from mjmotion.footsteps.swings import DIP, FADE_FRAMES, StepOver, wanted_clearance
-from mjmotion.footsteps.toes import kept_up, lying_flat, pitch_between
+from mjmotion.footsteps.toes import (
+    kept_up,
+    lying_flat,
+    pitch_between,
+    rolled_no_further,
+    room_under_ball,
+)
 from mjmotion.numerics.rotations import (
     conjugate,
     continuous,
@@ -59,6 +65,8 @@ class FootPath:
       lift: (nframe,) how much it was lifted to clear the ground [m].
       toes: (nframe,) how far its toes would bend up, were there no end to their range [rad]; 0
         where they do not bend.
+      room: (nframe,) how far the ends of its ball may still go down; None where no ground is known
+        [m].
     """
 
     site: str
@@ -68,6 +76,7 @@ class FootPath:
     stance: NDArray[np.bool_]
     lift: Array
     toes: Array
+    room: Array | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -134,14 +143,19 @@ def foot_path(
     step_over = StepOver(foot.shape_at(bend), quat, wanted, holds.any, ground, fps)
     position, lift = step_over(position, mine)
     toes = kept_up(foot, position, quat, toes, holds.toe, ground, fps)
-    return FootPath(foot.site, position, quat, shift, holds.any, lift, toes)
+    room = room_under_ball(foot, position, quat, holds.any, ground)
+    return FootPath(foot.site, position, quat, shift, holds.any, lift, toes, room)
 
 
 def turned_about_toes(path: FootPath, foot: Foot, quat: Array) -> FootPath:
     """Return a path turned to ``quat`` (nframe, 4) about its toe site, its toes kept as they lie.
 
-    Where they do not bend as far, it goes on over their tip.
+    Where they do not bend as far, it goes on over their tip. It rolls only as far as both ends of
+    its ball stay out of the ground.
     """
+    if foot.toes is not None and path.room is not None:
+        quat, room = rolled_no_further(foot, (path.quat, quat), path.toes, path.stance, path.room)
+        path = dataclasses.replace(path, room=room)
     position = path.position + rotate(path.quat, foot.toe) - rotate(quat, foot.toe)
     if foot.toes is None:
         return dataclasses.replace(path, position=position, quat=quat)

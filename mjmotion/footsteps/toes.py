@@ -96,3 +96,57 @@ def kept_up(
             break
         bend = bend + envelope(need, ball, GIVE_TIME * fps)
     return bend
+
+
+def room_under_ball(
+    foot: Foot, position: Array, quat: Array, stance: NDArray[np.bool_], ground: Ground
+) -> Array:
+    """Return how far the ends of a ball may go down (nframe,) [m], infinite where no ground is.
+
+    Where it stands (``stance``), one may dig in a little.
+    """
+    if foot.toes is None:
+        return np.full(len(position), np.inf)
+    ends = position[:, None] + rotate(quat[:, None], foot.sole[None, -2:])
+    height, _ = ground.under(ends)
+    room = np.where(np.isnan(height), np.inf, ends[..., 2] - height).min(axis=1)
+    return np.asarray(np.maximum(room + DIP * stance, 0.0))
+
+
+def rolled_no_further(
+    foot: Foot,
+    turn: tuple[Array, Array],
+    bend: Array,
+    stance: NDArray[np.bool_],
+    room: Array,
+) -> tuple[Array, Array]:
+    """Roll a turned foot back where an end of its ball would go into the ground.
+
+    Args:
+      foot: the foot; its toes bend.
+      turn: (nframe, 4) how it was turned, and how it is to be, about its ball.
+      bend: (nframe,) how far its toes would bend up to lie on the ground, where it stands [rad].
+      stance: (nframe,) when it stands.
+      room: (nframe,) how far the ends of its ball may go down [m].
+
+    Returns:
+      How it is turned (nframe, 4), and what room that leaves (nframe,) [m].
+    """
+    assert foot.toes is not None
+    old, new = turn
+    up = np.tile((0.0, 0.0, 1.0), (len(new), 1))
+    up[stance] = rotate(multiply(old, exp(bend[:, None] * foot.toes.axis)), up)[stance]
+    ends = foot.sole[-2:] - foot.toe
+    height = (rotate(old[:, None], ends[None]) * up[:, None]).sum(axis=-1)
+    least = height - room[:, None]
+    ahead = np.cross(rotate(new, foot.toes.axis), up)  # in the ground's plane, across the hinge
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=-1, keepdims=True), 1e-9)
+    for _ in range(_GIVES):
+        low = (rotate(new[:, None], ends[None]) * up[:, None]).sum(axis=-1)
+        for end, deep in enumerate((least - low).T):
+            far = rotate(new, ends[end][None])
+            lever = (np.cross(ahead, far) * up).sum(axis=-1)
+            roll = np.maximum(deep, 0.0) / np.copysign(np.maximum(np.abs(lever), _SHORT), lever)
+            new = multiply(exp(roll[:, None] * ahead), new)
+    low = (rotate(new[:, None], ends[None]) * up[:, None]).sum(axis=-1)
+    return new, np.maximum((low - least).min(axis=1), 0.0)
