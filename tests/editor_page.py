@@ -6,6 +6,7 @@ the protocol of MuJoCo Studio's page (NetImgui 1.13 on ``/ui``, acknowledged sta
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -226,7 +227,7 @@ class Browser:
             self.closed = repr(error)
         else:
             threading.Thread(target=self._read_ui, daemon=True).start()
-            self._send()
+            threading.Thread(target=self._tell, daemon=True).start()
 
     def _read_state(self) -> None:
         try:
@@ -246,6 +247,13 @@ class Browser:
         except Exception as error:
             self.closed = repr(error)
         self.closed = self.closed or "closed"
+
+    def _tell(self) -> None:
+        """Tell mouse and keys every frame, as a page does."""
+        while not self.closed:
+            with contextlib.suppress(Exception):
+                self._send()
+            time.sleep(1.0 / 60.0)
 
     def _send(self) -> None:
         self._ui.send(input_packet(self._size, self._mouse, self._buttons, self._keys))
@@ -272,6 +280,7 @@ class Browser:
 
     def close(self) -> None:
         """Close the page."""
+        self.closed = self.closed or "by us"
         self._ui.close()
         self._state.close()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
-_LONGEST_TICK = 0.25  # after a longer pause of the page the clip goes on where it was [s]
+_LONGEST_TICK = 2.0  # after a longer pause of the page the clip goes on where it was [s]
 
 
 class Clock:

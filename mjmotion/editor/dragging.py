@@ -14,7 +14,6 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjmotion.apps.session.applying import stay
 from mjmotion.apps.session.edits import Drag, Edit, Footprint, Pin, Settings, Vector
 from mjmotion.editor.shown import Shown
 from mjmotion.exceptions import SessionError
@@ -85,17 +84,22 @@ class Dragged:
         raise SessionError(f"'{self.name}' is no site")
 
 
+def standing(shown: Shown, site: str, frame: int) -> str | None:
+    """Return the side of the foot that a site is on, if it stands at a frame; None else."""
+    side = shown.feet.get(site)
+    sites = (f"{side}_heel", f"{side}_toe")
+    if side is None:
+        return None
+    stand = any(c.site in sites and c.start <= frame < c.end for c in shown.contacts)
+    return side if stand else None
+
+
 def take(shown: Shown, site: str, frame: int) -> Dragged:
     """Take a site in hand: of a foot that stands the whole footprint, else the site alone."""
     place = shown.place(site, frame)
-    side = shown.feet.get(site)
+    side = standing(shown, site, frame)
     if side is not None:
-        try:
-            stay(shown.contacts, side, frame)
-        except SessionError:
-            pass  # it swings
-        else:
-            return Dragged(side, "footprint", frame, place, place)
+        return Dragged(side, "footprint", frame, place, place)
     return Dragged(site, "site", frame, place, place)
 
 

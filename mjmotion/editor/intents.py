@@ -25,7 +25,7 @@ from mjmotion.apps.session import EditSession, Pin, Step
 from mjmotion.apps.session.edits import Edit, Vector
 from mjmotion.editor.autosave import Autosave
 from mjmotion.editor.clock import Clock
-from mjmotion.editor.dragging import Dragged, moved_edit, take, take_edit
+from mjmotion.editor.dragging import Dragged, moved_edit, standing, take, take_edit
 from mjmotion.editor.figures import Figures
 from mjmotion.editor.shown import Shown
 from mjmotion.editor.work import Worker
@@ -76,7 +76,7 @@ class Intents:
         self.worker = Worker()
         self.figures = Figures()
         self.message, self.bad = "", False
-        self.ghost, self.paths, self.marks, self.follow = True, True, True, False
+        self.ghost, self.paths, self.marks, self.follow = True, True, True, True
         self.selected, self.chosen, self.still = "", -1, False
         self.panels = {"edit": True, "result": True}
         self.autosave = autosave
@@ -143,8 +143,7 @@ class Intents:
 
     def stands(self, site: str) -> bool:
         """Whether a site is of a foot that stands at the present frame."""
-        shown = self.settled
-        return site in shown.sites and take(shown, site, self.frame).kind == "footprint"
+        return standing(self.settled, site, self.frame) is not None
 
     # Dragging
 
@@ -376,9 +375,7 @@ class Intents:
     def _show_preview(self, value: tuple[Edit, Step]) -> None:
         if self._dragged is not None or self.worker.busy:
             self._previewed = value
-            self._preview = dataclasses.replace(
-                self.settled.previewed(value[1].motion), trace=value[1].trace
-            )
+            self._preview = self.settled.previewed(value[1])
             if self.bad:
                 self.say("")
 

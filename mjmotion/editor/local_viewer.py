@@ -7,13 +7,17 @@ All private names of Studio that this project relies on are in this file.
 - A page that connects in the first frames ends the process: the server starts after them.
 - It keeps every model that it showed: as many bytes as ``MODEL_CACHE`` are kept.
 - It tells stdout of every model: it does not.
+- It sends the page's windows 60 times a second, and the page draws all of them one by one: one
+  that draws slower lags ever more behind. No window is sent before the page has drawn.
 """
 
 from __future__ import annotations
 
-import functools
 import logging
-from collections.abc import Callable, Sequence
+import threading
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any
 
 import mujoco
 from mujoco.studio import endpoints, messages, plugin, viewer_protocol, web_viewer
@@ -22,7 +26,62 @@ from mujoco.studio.web import web_server
 MODEL_CACHE = 8 << 20  # models of before that are kept for pages [bytes]
 LATE = 5  # frames before which no page may connect
 
+AHEAD = 2  # frames that the page may be behind
+_HIDDEN = 1.0  # a page that tells nothing for so long is hidden: it gets a frame so often [s]
+_NAP = 0.004  # between two looks whether the page has drawn [s]
+
 _serve = web_server.serve
+
+
+class Pace:
+    """How far ahead of the page its windows are: the page sends its mouse and keys every frame."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._pages = self._ahead = 0
+        self._last = 0.0
+
+    def may_go_on(self) -> bool:
+        """Whether another frame may be made."""
+        with self._lock:
+            waited = time.monotonic() - self._last
+            return not self._pages or self._ahead < AHEAD or waited > _HIDDEN
+
+    def made(self) -> None:
+        """A frame was made."""
+        with self._lock:
+            self._ahead += 1
+            self._last = time.monotonic()
+
+    def drawn(self) -> None:
+        """The page has drawn."""
+        with self._lock:
+            self._ahead = max(0, self._ahead - 1)
+
+    def came(self, pages: int) -> None:
+        """A page came (1) or went (−1)."""
+        with self._lock:
+            self._pages += pages
+            self._ahead = 0
+
+    async def count(self, handler: Callable[[Any], Awaitable[None]], socket: Any) -> None:
+        """Handle a page's connection, and count what it tells."""
+        if socket.request is None or not socket.request.path.startswith("/ui"):
+            await handler(socket)
+            return
+        receive = socket.recv
+
+        async def counted(*args: Any, **settings: Any) -> Any:
+            message = await receive(*args, **settings)
+            self.drawn()
+            return message
+
+        socket.recv = counted
+        self.came(1)
+        try:
+            await handler(socket)
+        finally:
+            self.came(-1)
 
 
 class LocalViewer(web_viewer.WebViewer):  # type: ignore[misc]
@@ -55,6 +114,7 @@ class LocalViewer(web_viewer.WebViewer):  # type: ignore[misc]
     ) -> None:
         self._listens_at, self._origins, self._started = host, origins, started
         self._frames = 0
+        self._pace = Pace()
         logging.getLogger("WebServer").setLevel(logging.ERROR)
         super().__init__(config, endpoint, model=model, plugins=[page])
 
@@ -68,7 +128,12 @@ class LocalViewer(web_viewer.WebViewer):  # type: ignore[misc]
         pass
 
     def _start_server(self) -> None:
-        web_server.serve = functools.partial(_serve, origins=self._origins(self._http_port))
+        origins, pace = self._origins(self._http_port), self._pace
+
+        def serve(handler: Callable[[Any], Awaitable[None]], **settings: Any) -> Any:
+            return _serve(lambda socket: pace.count(handler, socket), origins=origins, **settings)
+
+        web_server.serve = serve
         start = web_server.WebServer.start
         web_server.WebServer.start = lambda _: None
         try:
@@ -78,8 +143,16 @@ class LocalViewer(web_viewer.WebViewer):  # type: ignore[misc]
         self._web_server.model_cache_bytes = MODEL_CACHE
 
     def prepare_next_frame(self) -> bool:
-        """Advance to the next frame; the server starts when a few are done."""
+        """Advance to the next frame; False if there is none, for the page has not drawn the last.
+
+        The server starts when a few are done.
+        """
+        if not self._pace.may_go_on():
+            time.sleep(_NAP)
+            return False
         frame = bool(super().prepare_next_frame())
+        if frame:
+            self._pace.made()
         self._frames += 1
         if self._frames == LATE:
             self._web_server.start()

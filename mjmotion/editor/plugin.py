@@ -223,7 +223,7 @@ class EditorPlugin(plugin.ViewerPlugin):  # type: ignore[misc]
         name = self._stage.model.body(body).name
         own = [one for one, site in sites.items() if model.body(model.site_bodyid[site]).name == name]
         names = own or list(sites)
-        places = self.do.settled.places(tuple(names), slice(self.do.frame, self.do.frame + 1))[0]
+        places = self.do.settled.places(names, slice(self.do.frame, self.do.frame + 1))[0]
         return nearest(point, places, names)
 
     def _drag(self, view: View, at: Point) -> None:

@@ -6,14 +6,14 @@ The session may be changed in another thread meanwhile; this does not change.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.apps.session import EditSession, Settings
+from mjmotion.apps.session import EditSession, Settings, Step
 from mjmotion.apps.session.edits import Edit
 from mjmotion.body.kinematics import root_body, site_positions
 from mjmotion.body.motion import Motion
@@ -38,6 +38,7 @@ class Shown:
       trace: what the last fit did.
       changed: frames that the last edit may have changed.
       undo, redo: how many changes there are to go back to, and forth.
+      base: of a preview, what it is a preview of: other frames than ``changed`` are the same.
     """
 
     source: Motion
@@ -50,6 +51,7 @@ class Shown:
     changed: NDArray[np.int64] = dataclasses.field(default_factory=lambda: np.empty(0, np.int64))
     undo: int = 0
     redo: int = 0
+    base: Shown | None = None
 
     @classmethod
     def of(cls, session: EditSession) -> Shown:
@@ -67,9 +69,11 @@ class Shown:
             session.can_redo,
         )
 
-    def previewed(self, motion: Motion) -> Shown:
-        """Return the same with a motion that is being dragged."""
-        return dataclasses.replace(self, motion=motion)
+    def previewed(self, step: Step) -> Shown:
+        """Return the same with what a drag would come to."""
+        return dataclasses.replace(
+            self, motion=step.motion, trace=step.trace, changed=step.frames, base=self
+        )
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -119,18 +123,28 @@ class Shown:
         return tuple(found)
 
     @cached_property
-    def paths(self) -> Array:
-        """Where the traced sites go (nframe, k, 3) [m]."""
-        return self.places(self.traced)
-
-    def places(self, names: tuple[str, ...], frames: slice = slice(None)) -> Array:
-        """Return where some sites are (n, k, 3) [m] at some frames."""
-        qpos = self.motion.qpos[frames]
-        if not names:
+    def table(self) -> Array:
+        """Where all sites are (nframe, nsite, 3) [m], in the order of :attr:`sites`."""
+        ids = np.array(list(self.sites.values()), dtype=np.int64)
+        qpos = self.motion.qpos
+        if not len(ids):
             return np.zeros((len(qpos), 0, 3))
-        ids = np.array([self.sites[name] for name in names])
-        return site_positions(self.model, qpos, ids)
+        if self.base is None:
+            return site_positions(self.model, qpos, ids)
+        table = self.base.table.copy()
+        if len(self.changed):
+            table[self.changed] = site_positions(self.model, qpos[self.changed], ids)
+        return table
+
+    @cached_property
+    def columns(self) -> Mapping[str, int]:
+        """Where in :attr:`table` each site is."""
+        return {name: column for column, name in enumerate(self.sites)}
+
+    def places(self, names: Sequence[str], frames: slice = slice(None)) -> Array:
+        """Return where some sites are (n, k, 3) [m] at some frames."""
+        return self.table[frames][:, [self.columns[name] for name in names]]
 
     def place(self, name: str, frame: int) -> Array:
         """Return where a site is (3,) [m] at a frame."""
-        return np.asarray(self.places((name,), slice(frame, frame + 1))[0, 0])
+        return np.array(self.table[frame, self.columns[name]])
