@@ -52,7 +52,7 @@ class SessionError(MotionError):
 
 
 class EditorError(MotionError):
-    """The editor's page cannot be served: no Studio, a port in use, an address of another machine."""
+    """The editor's page cannot be served: no Studio, a port in use, an address that is not here."""
 
 
 class OutputError(MotionError):

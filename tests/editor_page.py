@@ -51,6 +51,7 @@ def report(page: Any) -> State:
         "rate": do.worker.rate,
         "size": list(view.size),
         "sites": {name: at for name, at in zip(sites, pixels.round(1).tolist(), strict=True)},
+        "offered": do.autosave is not None and do.autosave.offered,
         "azimuth": round(float(page.viewer.camera.azimuth), 2),
     }
 
@@ -64,6 +65,7 @@ def main(what: str, scene: str, port: int, host: str) -> None:
 
     session, name = open_session(what, scene or None)
     do = Intents(session, autosave=Autosave.of(name))
+    do.follow = False  # that pixels stay
     last = ""
 
     def tell(page: Any) -> None:
@@ -217,8 +219,13 @@ class Browser:
         self.states, self.drawn, self.closed, self.roster = 0, 0, "", ""
         sid = uuid.uuid4().hex[:12]
         here = f"ws://127.0.0.1:{port}"
-        self._state = connect(f"{here}/state?sid={sid}", compression=None, max_size=None)
-        self._ui = connect(f"{here}/ui?sid={sid}", compression=None, max_size=None)
+        self._open = contextlib.ExitStack()
+        self._state, self._ui = (
+            self._open.enter_context(
+                connect(f"{here}/{path}?sid={sid}", compression=None, max_size=None)
+            )
+            for path in ("state", "ui")
+        )
         threading.Thread(target=self._read_state, daemon=True).start()
         try:
             self._ui.send(version_packet())
@@ -281,8 +288,7 @@ class Browser:
     def close(self) -> None:
         """Close the page."""
         self.closed = self.closed or "by us"
-        self._ui.close()
-        self._state.close()
+        self._open.close()
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """A session kept aside after every change: a server that is killed loses the drag in hand at most.
 
-    autosave = Autosave(Path("out/walk.autosave.mjsession"))
-    autosave.offered                     # whether one was left there by an earlier start
-    autosave.keep(session)
-    autosave.remove()                    # the session was saved: nothing is to be kept
+autosave = Autosave(Path("out/walk.autosave.mjsession"))
+autosave.offered                     # whether one was left there by an earlier start
+autosave.keep(session)
+autosave.remove()                    # the session was saved: nothing is to be kept
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The validation's figures of what is shown beside the source's, measured when nothing is dragged."""
+"""The validation's figures of what is shown beside the source's, measured after a release."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """What the editor writes and reads: sessions, motions, contacts, result folders, videos.
 
-    files = Files(do, "walk")
-    files.save_session()
-    files.export_video()
-    files.task.share, files.task.cancel()
+files = Files(do, "walk")
+files.save_session()
+files.export_video()
+files.task.share, files.task.cancel()
 """
 
 from __future__ import annotations

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -63,11 +62,12 @@ class Intents:
         shown: Shown | None = None,
         autosave: Autosave | None = None,
     ) -> None:
-        if session is None and shown is None:
+        if session is not None:
+            shown = Shown.of(session)
+        if shown is None:
             raise ValueError("give a session, or what is to be looked at")
         self.session = session
-        self._settled = Shown.of(session) if session is not None else shown
-        assert self._settled is not None
+        self._settled: Shown = shown
         self._preview: Shown | None = None
         self._previewed: tuple[Edit, Step] | None = None
         self._dragged: Dragged | None = None
@@ -92,7 +92,6 @@ class Intents:
     @property
     def settled(self) -> Shown:
         """What there is without the drag in hand."""
-        assert self._settled is not None
         return self._settled
 
     @property
@@ -200,9 +199,7 @@ class Intents:
             return
         if drag.kind == "part":
             by = drag.move
-            self._change(
-                f"adapting to '{drag.name}'", lambda: session.move_scene(drag.name, by)
-            )
+            self._change(f"adapting to '{drag.name}'", lambda: session.move_scene(drag.name, by))
         elif drag.kind == "edit":
             index, move = drag.index, drag.move
             self.move_edit(index, move)
@@ -285,9 +282,7 @@ class Intents:
             edit = self.settled.edits[index]
             old = getattr(edit, "move", None) or getattr(edit, "position", None)
             if old is not None:
-                self.move_edit(
-                    index, (place[0] - old[0], place[1] - old[1], place[2] - old[2])
-                )
+                self.move_edit(index, (place[0] - old[0], place[1] - old[1], place[2] - old[2]))
 
     def set_contact(self, index: int, start: int, end: int) -> None:
         """Let a contact last from ``start`` up to, not including, ``end``."""

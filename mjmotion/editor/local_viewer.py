@@ -48,18 +48,18 @@ class Pace:
             return not self._pages or self._ahead < AHEAD or waited > _HIDDEN
 
     def made(self) -> None:
-        """A frame was made."""
+        """Count a frame that was made."""
         with self._lock:
             self._ahead += 1
             self._last = time.monotonic()
 
     def drawn(self) -> None:
-        """The page has drawn."""
+        """Count a frame that the page has drawn."""
         with self._lock:
             self._ahead = max(0, self._ahead - 1)
 
     def came(self, pages: int) -> None:
-        """A page came (1) or went (−1)."""
+        """Count a page that came (1) or went (−1)."""
         with self._lock:
             self._pages += pages
             self._ahead = 0
@@ -84,7 +84,7 @@ class Pace:
             self.came(-1)
 
 
-class LocalViewer(web_viewer.WebViewer):  # type: ignore[misc]
+class LocalViewer(web_viewer.WebViewer):
     """The web viewer, bound to one address, for pages of few origins.
 
     Args:
@@ -160,7 +160,7 @@ class LocalViewer(web_viewer.WebViewer):  # type: ignore[misc]
                 self._started(self._http_port)
         return frame
 
-    @messages.handler(priority=messages.Priority.INTERNAL)  # type: ignore[untyped-decorator]
+    @messages.handler(priority=messages.Priority.INTERNAL)
     def _on_post_model(self, event: messages.PostModelEvent) -> None:
         del event
         self._update_model()

@@ -58,11 +58,14 @@ class View:
         seen = mujoco.mjv_camera2GLCamera(model, data, camera)
         eye, forward, up = (np.array(one, float) for one in (seen.pos, seen.forward, seen.up))
         near = float(seen.frustum_near)
+        forward /= np.linalg.norm(forward)  # MuJoCo's are of single precision
+        right = np.cross(forward, up)
+        right /= np.linalg.norm(right)
         return cls(
             eye,
             forward,
-            np.cross(forward, up),
-            up,
+            right,
+            np.cross(right, forward),
             float(seen.frustum_top - seen.frustum_bottom) / 2.0 / near,
             (
                 float(seen.frustum_center) / near,

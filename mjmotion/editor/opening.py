@@ -68,7 +68,11 @@ def open_view(what: str, scene: str | None = None, character: str | None = None)
         result = read_results(what)
         return Shown(result.source, result.motion, result.contacts)
     motion, contacts = read_motion(what, character)
-    body = with_ground(motion.character) if scene is None else compose(as_clip(motion).character, scene)
+    body = (
+        with_ground(motion.character)
+        if scene is None
+        else compose(as_clip(motion).character, scene)
+    )
     motion = motion.on(body)
     if contacts is None:
         contacts = detect_contacts(motion) if Shown(motion, motion, ()).feet else ()

@@ -189,9 +189,7 @@ def _line(
             page.AddPolyline([imgui.Vec2(*at) for at in seen[run].tolist()], colour(rgba), width)
 
 
-def _text(
-    page: imgui.DrawList, view: View, place: ArrayLike, text: str, rgba: Colour
-) -> None:
+def _text(page: imgui.DrawList, view: View, place: ArrayLike, text: str, rgba: Colour) -> None:
     (at,), depth = view.project(place)
     if depth[0] > 0.0:
         page.AddText(imgui.Vec2(at[0] + 10.0, at[1] - 22.0), colour(rgba), text)

@@ -51,7 +51,7 @@ class Grip:
     handle: str = ""
 
 
-class EditorPlugin(plugin.ViewerPlugin):  # type: ignore[misc]
+class EditorPlugin(plugin.ViewerPlugin):
     """The editor's page.
 
     Args:
@@ -82,18 +82,18 @@ class EditorPlugin(plugin.ViewerPlugin):  # type: ignore[misc]
 
     # From Studio
 
-    @messages.handler  # type: ignore[untyped-decorator]
+    @messages.handler
     def _on_init(self, _: plugin.ViewerInitEvent) -> None:
         ux.setup_theme(ux.GuiTheme.DARK)
 
-    @messages.handler  # type: ignore[untyped-decorator]
+    @messages.handler
     def _on_update(self, _: messages.UpdateEvent) -> None:
         self._safely(self._update)
         self.updates += 1
         if self._observe is not None:
             self._observe(self)
 
-    @messages.handler  # type: ignore[untyped-decorator]
+    @messages.handler
     def _on_gui(self, _: messages.BuildGuiEvent) -> None:
         self._safely(self._gui)
 
@@ -221,7 +221,9 @@ class EditorPlugin(plugin.ViewerPlugin):  # type: ignore[misc]
         """Return the site that moves for a body: its nearest to a point (3,), or the nearest."""
         sites, model = self.do.settled.sites, self.do.settled.model
         name = self._stage.model.body(body).name
-        own = [one for one, site in sites.items() if model.body(model.site_bodyid[site]).name == name]
+        own = [
+            one for one, site in sites.items() if model.body(model.site_bodyid[site]).name == name
+        ]
         names = own or list(sites)
         places = self.do.settled.places(names, slice(self.do.frame, self.do.frame + 1))[0]
         return nearest(point, places, names)

@@ -72,6 +72,11 @@ def serve(
         do.close()
 
 
+def no_window() -> str:
+    """Return why there is a page and no window of its own."""
+    return 'MuJoCo Studio\'s own window does not draw in mujoco 4.0 ("Target not found")'
+
+
 def is_loopback(host: str) -> bool:
     """Whether an address is reached from this machine alone."""
     try:
@@ -112,12 +117,12 @@ def address(host: str, port: int) -> str:
     return f"http://[{name}]:{port}/" if ":" in name else f"http://{name}:{port}/"
 
 
-def origins(host: str, port: int) -> list[str | None] | None:
-    """Return the origins of pages that may connect; None for all, where any host name may be ours.
+def origins(host: str, port: int) -> list[str | None]:
+    """Return the origins of pages that may connect: those that this server itself has sent.
 
-    None in the list stands for clients that are no browsers.
+    None in the list stands for clients that are no browsers, such as scripts.
     """
-    if not is_loopback(host) and host in ("0.0.0.0", "::"):
+    if host in ("0.0.0.0", "::"):
         names = {"localhost", LOOPBACK, "[::1]", socket.gethostname(), socket.getfqdn()}
         with contextlib.suppress(OSError):
             names |= {str(one[4][0]) for one in socket.getaddrinfo(socket.gethostname(), None)}

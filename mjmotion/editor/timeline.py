@@ -1,4 +1,4 @@
-"""The timeline: scrub, contacts as bars whose ends can be dragged, edits as marks, pins as ranges."""
+"""The timeline: scrub, contacts as bars with ends to drag, edits as marks, pins as ranges."""
 
 from __future__ import annotations
 

@@ -143,7 +143,7 @@ class Worker:
             self._occupied = False
 
 
-class Cancelled(Exception):  # noqa: N818 -- it is no error
+class Cancelled(Exception):
     """Raised by the progress of a task that was cancelled."""
 
 
