@@ -33,7 +33,10 @@ def report(page: Any) -> State:
     do, view = page.do, page.view
     shown = do.shown
     sites = [name for name in SHOWN_SITES if name in shown.sites]
-    pixels, _ = view.project(shown.places(tuple(sites), slice(do.frame, do.frame + 1))[0])
+    places = shown.places(sites, slice(do.frame, do.frame + 1))[0]
+    # The sites of feet are on the soles, where a ray may meet the ground.
+    places = places + [(0.0, 0.0, 0.04 * name.endswith("_foot")) for name in sites]
+    pixels, _ = view.project(places)
     return {
         "frame": do.frame,
         "playing": do.clock.playing,
@@ -80,7 +83,8 @@ def main(what: str, scene: str, port: int, host: str) -> None:
         sys.stdout.write(json.dumps({"address": address}) + "\n")
         sys.stdout.flush()
 
-    serve(do, Files(do, "edited"), port=port, host=host, started=started, observe=tell)
+    with contextlib.suppress(KeyboardInterrupt):  # how it is ended
+        serve(do, Files(do, "edited"), port=port, host=host, started=started, observe=tell)
 
 
 class Page:

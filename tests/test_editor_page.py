@@ -16,12 +16,14 @@ import numpy as np
 import pytest
 from editor_page import Browser, Page, State, running
 
+from mjmotion.apps.session import load_session
+
 pytest.importorskip("mujoco.studio", reason="MuJoCo Studio comes with mujoco 4")
 pytest.importorskip("websockets", reason="MuJoCo Studio needs websockets to serve its page")
 
 SIZE = (1200, 768)
 FRAME = 45  # the left foot stands, and no hand is before the pelvis
-# Where things of the page are at that size [pixel]: the timeline is 140 high, and its frames
+# Where things of the page are at that size [pixel]: the timeline is 162 high, and its frames
 # begin 92 + 8 from the left; the slider of frames a knot is the first of the panel.
 RULER_Y = SIZE[1] - 118
 KNOTS_SLIDER = ((40, 125), (90, 125))
@@ -225,9 +227,8 @@ def test_a_killed_server_loses_nothing_and_one_that_is_ended_ends(tmp_path: Path
         browser.move((SIZE[0] / 2 - 20, SIZE[1] / 2 + 100))
         start = time.monotonic()
         code = page.stop()
-        assert code in (0, 1, 130), page.log()  # an interrupted script's
+        assert code == 0, page.log()
         assert time.monotonic() - start < 10.0
-        assert "Segmentation" not in page.log()
         browser.close()
 
 
@@ -241,11 +242,12 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
     "--ignore-gpu-blocklist",
 ]
-WINDOW = (760, 560)
+WINDOW = (760, 640)
 STATUS = 32  # height of the page's own line at its lower end [pixel]
-SCENE = (slice(10, 360), slice(290, 750))  # rows and columns right of the panel
+SCENE = (slice(10, 440), slice(290, 750))  # rows and columns right of the panel
 BARS = (slice(WINDOW[1] - STATUS - 98, WINDOW[1] - STATUS - 40), slice(105, 750))
-MOVED, SAME = 1.0, 0.35  # mean difference of a region that changed, and of one that did not
+# Mean difference of a region that changed, and of one that did not: the page dithers by 0.5.
+MOVED, SAME = 3.0, 1.0
 
 
 class Chromium:
@@ -304,22 +306,20 @@ class Chromium:
         return state
 
     def picture(self) -> np.ndarray:
-        """What the page shows once it rests: two pictures in a row that agree."""
+        """What the page shows, without handles, once it has drawn what it was sent."""
         import io
 
         from PIL import Image
 
         self.tab.mouse.move(500, 20)
-        before = None
-        for _ in range(12):
-            shot = Image.open(io.BytesIO(self.tab.screenshot())).convert("RGB")
-            now = np.asarray(shot, dtype=np.float64)
-            if before is not None and difference(before, now, (slice(None), slice(None))) < 0.05:
-                return now
-            before = now
-            self.tab.wait_for_timeout(400)
-        assert before is not None
-        return before
+        if self.page.state["selected"]:
+            self.press("Escape", lambda s: not s["selected"])
+        self.tab.evaluate(
+            "new Promise(done => { let n = 0; const next = () =>"
+            " ++n > 2 ? done() : requestAnimationFrame(next); next(); })"
+        )
+        shot = Image.open(io.BytesIO(self.tab.screenshot())).convert("RGB")
+        return np.asarray(shot, dtype=np.float64)
 
 
 def difference(one: np.ndarray, other: np.ndarray, where: tuple[slice, slice]) -> float:
@@ -336,34 +336,27 @@ def test_a_whole_run_in_chromium(tmp_path: Path) -> None:
         tab = browser.new_page(viewport={"width": WINDOW[0], "height": WINDOW[1]})
         window = Chromium(tab, page)
         window.load()
-        first = window.picture()
-
         x = 8 + 92 + (WINDOW[0] - 16 - 92) * (FRAME + 0.5) / 464
         tab.mouse.move(x, WINDOW[1] - STATUS - 118)
         tab.wait_for_timeout(500)
         tab.mouse.down()
         window.wait(lambda s: abs(s["frame"] - FRAME) <= 1, "scrubbed")
         tab.mouse.up()
-        scrubbed = window.picture()
-        assert difference(first, scrubbed, SCENE) > MOVED
-        assert difference(first, scrubbed, BARS) > 0.1  # the line of the present frame
-
-        window.drag("pelvis", (0.0, 45.0))
+        window.drag("left_foot", (30.0, 0.0))
+        state = window.drag("pelvis", (0.0, 45.0))
+        assert state["edits"] == ["Footprint", "Drag"]
         sunk = window.picture()
-        assert difference(scrubbed, sunk, SCENE) > MOVED
-        state = window.drag("left_foot", (30.0, 0.0))
-        assert state["edits"] == ["Drag", "Footprint"]
         state = window.press("z", lambda s: s["undo"] == 1, ctrl=True)
-        undone = window.picture()
-        assert difference(sunk, undone, SCENE) < SAME  # but for handles and marks
+        assert state["edits"] == ["Footprint"]
+        risen = window.picture()
+        assert difference(sunk, risen, SCENE) > MOVED
         window.press("s", lambda s: "saved" in s["message"], ctrl=True)
-        assert (tmp_path / "edited.mjsession").is_file()
+        assert load_session(tmp_path / "edited.mjsession").edits[0].frames[0] == state["frame"]
 
         window.load()
         again = window.picture()
-        assert page.state["edits"] == ["Drag"]
-        assert difference(undone, again, BARS) < SAME
+        assert page.state["edits"] == ["Footprint"]
+        assert difference(risen, again, SCENE) < SAME
+        assert difference(risen, again, BARS) < SAME
         assert not window.errors
-        for name, shot in (("first", first), ("sunk", sunk), ("again", again)):
-            np.save(tmp_path / name, shot.astype(np.uint8))
         browser.close()
