@@ -133,7 +133,8 @@ def draw(do: Intents, view: View, hovered: str | None) -> None:
         _line(page, view, [at, drag.place], colours.FAR, 2.0)
     for index, (edit, off) in enumerate(zip(do.shown.edits, do.shown.residuals, strict=True)):
         if isinstance(edit, Drag) and edit.frame == do.frame and edit.enabled:
-            _text(page, view, edit.position, f"{index + 1}  {1000 * off:.1f} mm", colours.TEXT)
+            label = f"{index + 1}  {1000 * off:.1f} mm"
+            _text(page, view, edit.position, label, colours.TEXT, below=True)
 
 
 def handle_place(do: Intents) -> Array | None:
@@ -189,7 +190,15 @@ def _line(
             page.AddPolyline([imgui.Vec2(*at) for at in seen[run].tolist()], colour(rgba), width)
 
 
-def _text(page: imgui.DrawList, view: View, place: ArrayLike, text: str, rgba: Colour) -> None:
+def _text(
+    page: imgui.DrawList,
+    view: View,
+    place: ArrayLike,
+    text: str,
+    rgba: Colour,
+    below: bool = False,
+) -> None:
     (at,), depth = view.project(place)
     if depth[0] > 0.0:
-        page.AddText(imgui.Vec2(at[0] + 10.0, at[1] - 22.0), colour(rgba), text)
+        corner = imgui.Vec2(at[0] + 10.0, at[1] + (8.0 if below else -22.0))
+        page.AddText(corner, colour(rgba), text)
