@@ -184,14 +184,15 @@ def test_one_controls_and_one_watches(page: Page, browser: Browser) -> None:
 def test_a_foreign_origin_is_refused(page: Page) -> None:
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
+    from websockets.typing import Origin
 
     for path in ("ui", "state", "drop"):
         with pytest.raises(InvalidStatus, match="403"):
             address = f"ws://127.0.0.1:{page.port}/{path}?sid=x"
-            with connect(address, origin="http://evil.example"):  # type: ignore[arg-type]
+            with connect(address, origin=Origin("http://evil.example")):
                 pass
-    own = f"http://127.0.0.1:{page.port}"
-    with connect(f"ws://127.0.0.1:{page.port}/state?sid=y", origin=own):  # type: ignore[arg-type]
+    own = Origin(f"http://127.0.0.1:{page.port}")
+    with connect(f"ws://127.0.0.1:{page.port}/state?sid=y", origin=own):
         pass
 
 

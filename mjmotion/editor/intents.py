@@ -76,7 +76,8 @@ class Intents:
         self.worker = Worker()
         self.figures = Figures()
         self.message, self.bad = "", False
-        self.ghost, self.paths, self.marks, self.follow = True, True, True, True
+        self.ghost = shown.source is not shown.motion or session is not None
+        self.paths, self.marks, self.follow = True, True, True
         self.selected, self.chosen, self.still = "", -1, False
         self.panels = {"edit": True, "result": True}
         self.autosave = autosave

@@ -28,6 +28,7 @@ LATE = 5  # frames before which no page may connect
 
 AHEAD = 2  # frames that the page may be behind
 _HIDDEN = 1.0  # a page that tells nothing for so long is hidden: it gets a frame so often [s]
+_ALONE = 0.05  # between two frames that no page draws [s]
 _NAP = 0.004  # between two looks whether the page has drawn [s]
 
 _serve = web_server.serve
@@ -40,6 +41,11 @@ class Pace:
         self._lock = threading.Lock()
         self._pages = self._ahead = 0
         self._last = 0.0
+
+    @property
+    def alone(self) -> bool:
+        """Whether there is no page that could draw."""
+        return not self._pages
 
     def may_go_on(self) -> bool:
         """Whether another frame may be made."""
@@ -150,6 +156,8 @@ class LocalViewer(web_viewer.WebViewer):
         if not self._pace.may_go_on():
             time.sleep(_NAP)
             return False
+        if self._frames > LATE and self._pace.alone:
+            time.sleep(_ALONE)
         frame = bool(super().prepare_next_frame())
         if frame:
             self._pace.made()

@@ -38,7 +38,7 @@ class Panels:
         self._size = (width, height)
         small = width < WIDTH + RESULT_WIDTH + 200.0
         if do.panels["edit"]:
-            tall = max(100.0, min(height - 12.0, 620.0))
+            tall = max(100.0, min(height - 12.0, 620.0 if do.editable else 300.0))
             title = "Edit" if do.editable else "View"
             if self._begin(do, "edit", title, (6.0, WIDTH, tall), int(again)):
                 self._show(do)
@@ -198,9 +198,7 @@ class Panels:
         rate = do.worker.rate
         if do.dragged is not None:
             imgui.Text(f"dragging {do.dragged.name}: {rate} edits a second")
-        elif trace is None:
-            imgui.TextDisabled("no fit yet")
-        else:
+        elif trace is not None:
             changed = do.shown.changed
             reach = f", frames {changed[0]} to {changed[-1]}" if len(changed) else ""
             imgui.Text(f"last fit {1000 * trace.fit_seconds:.0f} ms{reach}")
