@@ -51,6 +51,10 @@ class SessionError(MotionError):
     """A session of the editor is damaged, of another clip or version, or asks for nonsense."""
 
 
+class EditorError(MotionError):
+    """The editor's page cannot be served: no Studio, a port in use, an address that is not here."""
+
+
 class OutputError(MotionError):
     """A result cannot be written, or would overwrite an earlier one."""
 

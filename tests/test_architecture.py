@@ -30,6 +30,7 @@ MAP = (
     "output",
     "apps",
     "paper",
+    "editor",
     "cli",
 )
 LINES, FUNCTION_LINES, PARAMETERS = 400, 60, 8
