@@ -14,10 +14,11 @@ from mjmotion.clips import load_clip
 from mjmotion.clips.foot_planting import toe_bend
 from mjmotion.clips.recorded_feet import RecordedFoot
 from mjmotion.footsteps.contacts import contact_mask
-from mjmotion.footsteps.footholds import TOES_DOWN, TOES_UP, toes_on_ground
+from mjmotion.footsteps.footholds import Stance, find_footholds
 from mjmotion.footsteps.paths import turned_about_toes, with_toes
 from mjmotion.footsteps.plan import Plan, make_plan
 from mjmotion.footsteps.toes import ball_over_tip, pitch_between, rolled_no_further
+from mjmotion.footsteps.under_toes import TOES_DOWN, TOES_UP, toes_on_ground
 from mjmotion.ik.count import parameters
 from mjmotion.numerics.rotations import exp, rotate, to_matrix
 from mjmotion.scene import Scene, load_scene
@@ -236,6 +237,12 @@ def test_toes_follow_ground_that_rises_a_little_ahead() -> None:
     wall = '<geom type="box" size="1 1 .1" pos="1.15 0 .1"/>'
     assert bend(wall) == TOES_UP
     assert TOES_DOWN < TOES_UP
+    # Ground that toes follow is good ground: a foot that has them stays where it is.
+    stance = Stance(0, (0, 9), (0, 9), *here)
+    for geoms, stays in (("", True), (ramp, True), (wall, False)):
+        scene = Scene.of(mujoco.MjSpec.from_string(floor.format(geoms)))
+        (stands,) = find_footholds((stance,), (foot,), scene.ground, 0.0)
+        assert (stands.moved == 0.0) == stays
 
 
 def test_the_figures_see_them() -> None:

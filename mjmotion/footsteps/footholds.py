@@ -19,6 +19,7 @@ from mjmotion.body.kinematics import Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, SceneError, frame_list
 from mjmotion.footsteps.contacts import Contact, contact_mask
+from mjmotion.footsteps.under_toes import toes_on_ground, under_toes
 from mjmotion.numerics.rotations import cross, from_matrix, multiply, normalized, rotate, yaw_quat
 from mjmotion.scene.ground import Ground
 
@@ -34,10 +35,6 @@ CROWD_COST = 0.06  # way that half of that space is worth [m]
 FEET_APART = 0.02  # how far beside the other foot a foot is set down, where the source does [m]
 CROSSING = 0.06  # how much further across it may be, behind or before the other [m]
 STEP = 0.02  # a rise there that counts as a step [m]
-TOES_UP, TOES_DOWN = 0.3, 0.15  # how far toes follow ground ahead of the ball [rad]
-TOE_SHARES = (0.4, 0.7, 1.0)  # of the way from the ball to the toes' outline that are looked at
-TOE_LEVER = 0.03  # least lever that this is reckoned with [m]
-LEVEL = 1e-3  # a slope that is none [rad]
 _RINGS, _RAYS = 17, 16
 _ANKLE = 0.10  # height over the sole at which walls are felt for [m]
 
@@ -277,30 +274,6 @@ class _Beside:
         return self.least - np.where(clear, CROSSING, 0.0) - apart
 
 
-def toes_on_ground(foot: Foot, ground: Ground, position: Array, quat: Array) -> float:
-    """Return how far toes bend up [rad] to lie on the ground ahead of a ball that stands.
-
-    Args:
-      foot: the foot.
-      ground: the scene's surfaces.
-      position: (3,) where its posed site stands [m].
-      quat: (4,) how it is turned.
-    """
-    if foot.toes is None:
-        return 0.0
-    anchor, outline = foot.toes.anchor, foot.sole[foot.bends[: len(foot.sole)]]
-    ahead = foot.front - foot.toe
-    ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
-    away = ((outline - anchor) @ ahead)[:, None] * ahead
-    local = np.concatenate([outline - (1.0 - share) * away for share in TOE_SHARES])
-    points = position + rotate(quat, local)
-    height, _ = ground.under(points)
-    up = np.where(np.isnan(height), -np.inf, height - points[:, 2])
-    lever = np.maximum((local - anchor) @ ahead, TOE_LEVER)
-    slope = float(np.arctan2(up, lever).max())
-    return float(np.clip(slope, -TOES_DOWN, TOES_UP)) if abs(slope) > LEVEL else 0.0
-
-
 def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
     """Set a foot down at spots (n, 3): tilt it through the ground under heel, toe and sides."""
     margin = 1.0 + EDGE_MARGIN / np.maximum(np.linalg.norm(foot.sole[2:, :2], axis=1), 0.03)
@@ -335,6 +308,7 @@ def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
         (points + (0, 0, 1) * (heights - points[..., 2])[..., None] - position[:, None])
         * normal[:, None]
     ).sum(axis=-1) - foot.sole[0, 2]
+    above -= under_toes(foot, np.concatenate((ends, probe)), above, len(probe))
     step = above[:, 2:6] > STEP + np.abs(along[:, 2:]) * APPROACH
     crowded = step[:, :2].any(axis=1) + step.any(axis=1).astype(float)
     above = np.delete(above, (2, 3, 4, 5), axis=1)
