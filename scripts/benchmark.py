@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import results_page
-from benchmarks import levels, paper, quality, spacetime, speed, startup
+from benchmarks import editing, levels, paper, quality, spacetime, speed, startup
 from benchmarks.figures import markdown, print_figures
 
 from mjmotion.exceptions import MotionError
@@ -25,7 +25,7 @@ from mjmotion.paper.figures import Figure
 from mjmotion.paper.terrain import make_job
 from mjmotion.paper.timing import machine
 
-PARTS = ("quality", "levels", "speed", "paper", "spacetime", "cli")
+PARTS = ("quality", "levels", "speed", "editing", "paper", "spacetime", "cli")
 PACKAGES = ("mujoco", "numpy", "mink")  # whose versions the page names
 
 
@@ -102,6 +102,9 @@ def measure(
     if "speed" in parts:
         print_line("\nspeed")
         figures += speed.run(make_job(), print_line)
+    if "editing" in parts:
+        print_line("\nediting")
+        figures += editing.run(make_job(), print_line)
     if "paper" in parts:
         print_line("\nthe paper's other results: Table 1, rope, retargeting, joining")
         figures += paper.run(print_line)

@@ -8,7 +8,7 @@ import functools
 import mujoco
 import numpy as np
 import pytest
-from made_up import character, walk
+from made_up import character, some, walk
 
 from mjmotion.body.kinematics import Kinematics, Pose, site_id
 from mjmotion.body.motion import Motion
@@ -194,7 +194,7 @@ def test_a_toe_before_a_riser_comes_off_it_clear(before: float, rise: float) -> 
     stances = find_stances(motion, pose, feet, detect_contacts(motion))
     level = find_footholds(stances, feet, ground(FLAT), 0.0)
     last = next(n for n, s in enumerate(stances) if s.foot == 0 and s.start > 60)
-    edge = level[last].position[0] + feet[0].toe[0] + before
+    edge = level[last].position[0] + feet[0].front[0] + before
     step = FLAT + f'<geom type="box" size="9 9 {rise / 2}" pos="{edge + 9} 0 {rise / 2}"/>'
     floor = ground(step)
     on = find_footholds(stances, feet, floor, 0.0)
@@ -203,6 +203,8 @@ def test_a_toe_before_a_riser_comes_off_it_clear(before: float, rise: float) -> 
     path = foot_path(feet[0], 0, pose, stances, holds, floor, motion.fps)
     assert path.position[-1, 2] > rise - 0.01
     off = np.arange(stances[last].heel[1], motion.nframe)
-    points = path.position[off, None] + rotate(path.quat[off, None], feet[0].shape[None])
+    points = path.position[off, None] + rotate(
+        path.quat[off, None], feet[0].shape_at(some(feet[0].toes).settled(path.toes))[off]
+    )
     inside = np.minimum(points[..., 0] - edge, rise - points[..., 2])
     assert inside.max() < IN_STEP

@@ -375,8 +375,8 @@ def test_the_child_has_a_childs_measures() -> None:
     mujoco.mj_kinematics(model, data)
     assert data.site("head_top").xpos[2] == pytest.approx(1.16, abs=0.01)
     assert 20.0 < model.body_mass.sum() < 23.0  # its mass is not set, and comes out right
-    foot = data.site("left_toe").xpos[0] - data.site("left_heel").xpos[0]
-    assert foot == pytest.approx(0.178, abs=0.002)
+    foot = Character.of(model).feet[0]
+    assert foot.front[0] - foot.heel[0] == pytest.approx(0.178, abs=0.002)
 
 
 def flexible() -> tuple[mujoco.MjModel, mujoco.MjModel]:
@@ -466,7 +466,7 @@ def test_the_command_writes_a_model_that_mujoco_loads(tmp_path: Path) -> None:
     out = tmp_path / "tall.xml"
     done = run("--legs", 1.25, "--torso", 0.8, "--flexible-spine", "--out", out)
     assert done.returncode == 0, done.stderr
-    assert "49 DOFs" in done.stdout
+    assert "51 DOFs" in done.stdout
     model = mujoco.MjModel.from_xml_path(str(out))
     assert model.body("left_shank").pos[2] == pytest.approx(-1.25 * 0.4288)
     again = run("--out", out)

@@ -9,6 +9,7 @@ from made_up import character, humanoid, walk
 
 from mjmotion.body.kinematics import character_geoms
 from mjmotion.footsteps.obstacles import (
+    LONG,
     MARGIN,
     STEP_MARGIN,
     ObstacleClearance,
@@ -87,6 +88,17 @@ def test_obstacles_near_the_way() -> None:
     assert find_obstacles(compiled('<geom type="plane" size="1 1 1"/>'), PATH, ()) == ()
 
 
+@pytest.mark.parametrize("x", [-0.5, 2.5])
+def test_a_wall_that_is_not_passed_is_where_it_is(x: float) -> None:
+    """What is ahead of a walk's end, or behind its beginning, is not drawn out over the walk."""
+    (wall,) = find_obstacles(compiled(f'<geom type="box" size=".05 2 1" pos="{x} 0 1"/>'), PATH, ())
+    assert wall.tall
+    np.testing.assert_allclose(wall.drawn.min(axis=0), wall.points.min(axis=0), atol=1e-12)
+    np.testing.assert_allclose(wall.drawn.max(axis=0), wall.points.max(axis=0), atol=1e-12)
+    (post,) = find_obstacles(compiled('<geom type="box" size=".05 .1 1" pos="1 .4 1"/>'), PATH, ())
+    np.testing.assert_allclose(np.ptp(post.drawn[:, 0]), 0.1 + 2.0 * LONG)
+
+
 def test_nothing_near_nothing_needed() -> None:
     keep = clearance(LINTEL.format(z=1.7))
     lacking = keep(standing(-3.0, -2.0, 5.0), np.arange(3))
@@ -125,7 +137,7 @@ def test_distances_are_mujocos() -> None:
     box = spec.worldbody.add_geom(name="kerb", size=(0.1, 1.0, 0.2), pos=(1.0, 0.0, 0.2))
     box.type = mujoco.mjtGeom.mjGEOM_BOX
     model = spec.compile()
-    data, feet = mujoco.MjData(model), {foot.body for foot in character().feet}
+    data, feet = mujoco.MjData(model), {body for foot in character().feet for body in foot.bodies}
     solids = [g for g in character_geoms(model, colliding=True) if model.geom_bodyid[g] not in feet]
     keep = clearance(kerb)
     places = (0.83, 0.85, 0.87, 0.90)

@@ -114,7 +114,7 @@ def test_adapt_writes_the_files_that_were_promised(result: Path) -> None:
     assert list(result.parent.iterdir()) == [result]  # nothing aside was left
 
     model = mujoco.MjModel.from_xml_path(str(result / "model.xml"))
-    assert model.nv == 43
+    assert model.nv == 45
     with np.load(result / "motion.npz", allow_pickle=False) as data:
         assert data["qpos"].shape == (FRAMES, model.nq)
         assert data["qpos"].dtype == np.float64

@@ -220,8 +220,10 @@ def test_a_drag_out_of_reach_goes_as_far_as_the_feet_let_it(clip: Motion, by: tu
     assert edited.motion.character.limits.excess(edited.motion.qpos).max() < 1e-9
 
 
-def test_levels_refine(sunk: Result) -> None:
-    trace = some(sunk.trace)
+def test_levels_refine(clip: Motion) -> None:
+    """Where feet are held while they stand alone; closing those held throughout needs no spline."""
+    edited = edit_frame(clip, FRAME, "pelvis", by=SINK, levels=halved(12), hold="contacts")
+    trace = some(edited.trace)
     errors = [level.max_error_percent for level in trace.levels]
     assert [level.frames_per_knot for level in trace.levels][:4] == [12.0, 6.0, 3.0, 1.5]
     assert errors[3] < errors[2] < errors[1] < errors[0]

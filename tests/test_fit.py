@@ -327,9 +327,9 @@ def test_bad_settings(case: str) -> None:
 
 BAD_SOLVERS: dict[str, tuple[dict[str, Any], str]] = {
     "unknown": ({"ik": "numerc"}, "Did you mean 'numeric'"),
-    "three rigidities": ({"rigidity": np.ones(3)}, "43 positive numbers"),
-    "no rigidity": ({"rigidity": np.zeros(43)}, "43 positive numbers"),
-    "one without rigidity": ({"rigidity": [1.0] * 42 + [0.0]}, "43 positive numbers"),
+    "three rigidities": ({"rigidity": np.ones(3)}, "45 positive numbers"),
+    "no rigidity": ({"rigidity": np.zeros(45)}, "45 positive numbers"),
+    "one without rigidity": ({"rigidity": [1.0] * 44 + [0.0]}, "45 positive numbers"),
     "other bones": (
         {"ik": NumericIK(humanoid()), "bones": Bones.of(humanoid())},
         "NumericIK was not made for a body that changes",
@@ -345,7 +345,7 @@ def test_bad_solvers(case: str) -> None:
 
 
 def test_a_solver_is_made_or_returned_as_it_is() -> None:
-    own, rigidity = NumericIK(clip().model), np.full(43, 2.0)
+    own, rigidity = NumericIK(clip().model), np.full(45, 2.0)
     assert make_solver(clip().character, own) is own
     for ik, kind in (("hybrid", HybridIK), ("numeric", NumericIK)):
         made = make_solver(clip().character, ik, rigidity)

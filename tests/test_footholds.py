@@ -19,7 +19,8 @@ from mjmotion.scene.ground import Ground
 
 PLACE = 0.002  # [m]
 TURN = 0.005  # [rad]
-SOLE = (-0.058, 0.197)  # from heel to toe [m]
+SOLE = (-0.058, 0.197)  # from heel to the tip of the toes [m]
+BALL = 0.12  # where the toes bend [m]
 
 
 def scene(body: str, assets: str = "") -> Ground:
@@ -46,7 +47,8 @@ def test_feet_of_the_humanoid() -> None:
         assert humanoid().body(foot.body).name == f"{foot.side}_foot"
         assert foot.site == f"{foot.side}_foot"
         np.testing.assert_allclose(foot.heel, (SOLE[0], 0, 0), atol=1e-9)
-        np.testing.assert_allclose(foot.toe, (SOLE[1], 0, 0), atol=1e-9)
+        np.testing.assert_allclose(foot.toe, (BALL, 0, 0), atol=1e-9)
+        np.testing.assert_allclose(foot.front, (SOLE[1], 0, 0), atol=1e-6)
         assert np.abs(foot.sole[:, 2]).max() < 1e-3
         # The sole's outline reaches from heel to toe and a hand's breadth across.
         assert foot.sole[:, 0].min() == pytest.approx(SOLE[0], abs=0.01)

@@ -9,7 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from made_up import walk
+from made_up import some, walk
 
 from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.motion import Motion
@@ -196,5 +196,6 @@ def test_what_fades_in_after_a_contact_puts_no_sole_under_the_ground(name: str) 
         stands = np.zeros(motion.nframe, dtype=bool)
         for part in ("heel", "toe"):
             stands |= contact_mask(contacts, f"{foot.side}_{part}", motion.nframe)
-        sole = (path.position[:, None] + rotate(path.quat[:, None], foot.sole))[..., 2]
+        posed = foot.sole_at(some(foot.toes).settled(path.toes))
+        sole = (path.position[:, None] + rotate(path.quat[:, None], posed))[..., 2]
         assert sole[stands].min() > -STANDING_SINK

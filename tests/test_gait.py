@@ -87,7 +87,8 @@ def test_nothing_skates_and_nothing_sinks(name: str, model: mujoco.MjModel) -> N
         assert slip.max() < 1e-6, f"{site} slides"
     for foot in Character.of(model).feet:
         index = site_id(model, foot.site)
-        points = np.einsum("fij,kj->fki", pose.site_xmat[:, index], foot.sole)
+        sole = foot.sole_at(foot.bend(pose))
+        points = np.einsum("fij,fkj->fki", pose.site_xmat[:, index], sole)
         assert (points[..., 2] + pose.site_xpos[:, index, None, 2]).min() > -2e-3
 
 
@@ -134,7 +135,7 @@ def test_heel_strikes_first_and_toes_leave_last(steady: Motion) -> None:
     assert heel[strike] < 2e-3
     assert toe[strike] > 0.06
     assert toe[push] < 2e-3
-    assert heel[push] > 0.15
+    assert heel[push] > 0.1  # the ball leaves before the toes do
     swing = slice(round(period * (1 + TOE_OFF + 0.1)), round(period * 1.9))
     assert np.minimum(heel, toe)[swing].min() > 8e-3
 

@@ -10,7 +10,7 @@ PATH = Path(__file__).parents[1] / "models" / "mjcf" / "humanoid.xml"
 HEIGHT = 1.75
 MASS = 70.0
 SIDES = ("left", "right")
-LIMB = {"arm": ("shoulder", "elbow", "wrist"), "leg": ("hip", "knee", "ankle")}
+LIMB = {"arm": ("shoulder", "elbow", "wrist"), "leg": ("hip", "knee", "ankle", "toes")}
 JOINTS = [
     "root",
     "spine",
@@ -33,6 +33,7 @@ PARENTS = {
             ("hand", "forearm"),
             ("shank", "thigh"),
             ("foot", "shank"),
+            ("toes", "foot"),
         )
     },
 }
@@ -108,10 +109,9 @@ def lowest(model: mujoco.MjModel, data: mujoco.MjData, body: str) -> float:
 
 def test_tree_and_dofs(model: mujoco.MjModel) -> None:
     assert [model.joint(j).name for j in range(model.njnt)] == JOINTS
-    assert (model.nq, model.nv) == (55, 43)
-    not_ik = [
-        d for d in range(model.nv) if model.joint(model.dof_jntid[d]).name in ("neck", "head")
-    ]
+    assert (model.nq, model.nv) == (57, 45)
+    free = ("neck", "head", "left_toes", "right_toes")
+    not_ik = [d for d in range(model.nv) if model.joint(model.dof_jntid[d]).name in free]
     assert model.nv - len(not_ik) == 37
     names = {
         model.body(b).name: model.body(model.body_parentid[b]).name for b in range(model.nbody)
@@ -165,7 +165,10 @@ def test_masses_follow_the_table(model: mujoco.MjModel) -> None:
     assert total == pytest.approx(MASS, abs=0.1)
     for name, percent in DE_LEVA.items():
         for body in [name] if name in PARENTS else [f"{side}_{name}" for side in SIDES]:
-            assert 100 * model.body(body).mass[0] / total == pytest.approx(percent, abs=0.02)
+            mass = model.body(body).mass[0]
+            if name == "foot":
+                mass += model.body(body.replace("foot", "toes")).mass[0]
+            assert 100 * mass / total == pytest.approx(percent, abs=0.02)
     head = model.body("head").mass[0] + model.body("neck").mass[0]
     assert 100 * head / total == pytest.approx(6.94, abs=0.02)
 
@@ -189,7 +192,7 @@ def test_inertias_are_those_of_bodies_of_that_size(model: mujoco.MjModel) -> Non
 def test_left_and_right_are_mirror_images(model: mujoco.MjModel) -> None:
     rng = np.random.default_rng(0)
     turn = {j: rng.uniform(-0.6, 0.6, 3) for j in ("shoulder", "wrist", "hip", "ankle")}
-    hinge = {"elbow": 0.7, "knee": 0.9}
+    hinge = {"elbow": 0.7, "knee": 0.9, "toes": 0.4}
     poses = {}
     for side, flip in (("left", [1, 1, 1]), ("right", [-1, 1, -1])):
         dof = np.zeros(model.nv)
@@ -209,7 +212,7 @@ def test_left_and_right_are_mirror_images(model: mujoco.MjModel) -> None:
     for site in ("heel", "toe", "foot", "hand"):
         left, right = (poses[s].site(f"{s}_{site}").xpos for s in SIDES)
         np.testing.assert_allclose(left * mirror, right, atol=1e-9)
-    for geom in ("foot_sole", "foot_upper", "palm", "thigh"):
+    for geom in ("foot_sole", "foot_upper", "toes_sole", "toes_cap", "palm", "thigh"):
         left, right = (vertices(model, poses[s], model.geom(f"{s}_{geom}").id) for s in SIDES)
         assert len(left) == len(right)
         gap = np.linalg.norm((left * mirror)[:, None] - right[None], axis=2).min(1)
@@ -223,16 +226,21 @@ def test_left_and_right_are_mirror_images(model: mujoco.MjModel) -> None:
 def test_sole_sites_are_its_ends_on_the_ground(model: mujoco.MjModel) -> None:
     data = at(model)
     for side in SIDES:
-        sole = vertices(model, data, model.geom(f"{side}_foot_sole").id)
+        parts = [vertices(model, data, model.geom(f"{side}_{x}_sole").id) for x in ("foot", "toes")]
+        sole = np.concatenate(parts)
         ground = sole[sole[:, 2] < 1e-4]
         assert len(ground) >= 12 and sole[:, 2].min() == pytest.approx(0, abs=1e-5)
         heel, toe, foot = (data.site(f"{side}_{s}").xpos for s in ("heel", "toe", "foot"))
-        for site, index in ((heel, ground[:, 0].argmin()), (toe, ground[:, 0].argmax())):
-            np.testing.assert_allclose(site, ground[index], atol=1e-4)
+        np.testing.assert_allclose(heel, ground[ground[:, 0].argmin()], atol=1e-4)
+        for index in (ground[:, 0].argmin(), ground[:, 0].argmax()):
             others = np.delete(ground[:, 0], index)
-            assert np.abs(others - site[0]).min() > 1e-3, "the end is one point, not an edge"
+            assert np.abs(others - ground[index, 0]).min() > 1e-3, "the end is one point, no edge"
         np.testing.assert_allclose(foot, data.body(f"{side}_foot").xpos * [1, 1, 0], atol=1e-9)
-        assert toe[0] - heel[0] == pytest.approx(0.255, abs=0.005)
+        assert np.ptp(ground[:, 0]) == pytest.approx(0.255, abs=0.005)
+        # The toe site is the ball: on the hinge, where the rigid part of the sole ends.
+        np.testing.assert_allclose(toe, data.joint(f"{side}_toes").xanchor, atol=1e-9)
+        assert parts[0][:, 0].max() == pytest.approx(toe[0], abs=1e-4)
+        assert toe[0] - heel[0] == pytest.approx(0.70 * 0.255, abs=0.002)
         width = np.ptp(ground[ground[:, 0] > foot[0] + 0.05][:, 1])
         assert width == pytest.approx(0.095, abs=0.004)
         assert np.ptp(ground[ground[:, 0] < foot[0]][:, 1]) < 0.75 * width, "heel narrower"

@@ -145,7 +145,7 @@ def test_closing_a_limb_meets_its_target(name: str) -> None:
     """The hybrid solver's exact pass puts feet, hands and slanted ends where they have to be."""
     if name == "humanoid":
         model, qpos = humanoid(), poses(humanoid(), 30, 2)
-        targets = moved_feet(qpos, 3, 0.02)
+        targets = moved_feet(qpos, 6, 0.02)
     else:
         model, qpos = slanted(), slanted_poses(slanted(), 30, 2)
         shift = 0.02 * np.random.default_rng(4).normal(size=(30, 3))

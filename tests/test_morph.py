@@ -265,7 +265,7 @@ def test_larger_feet_stand_in_the_middle_of_their_footprints() -> None:
     frame = 15
     assert contact_mask(result.contacts, "left_heel", motion.nframe)[frame]
     length = np.linalg.norm(sites[frame, toe] - sites[frame, heel])
-    assert length == pytest.approx(1.3 * 0.255, abs=1e-3)
+    assert length == pytest.approx(1.3 * 0.178, abs=1e-3)
     middle = sites[frame, toe] + sites[frame, heel] - before[frame, toe] - before[frame, heel]
     assert np.abs(middle[:2]).max() < 2e-3
 
@@ -380,7 +380,9 @@ def test_pictures_show_each_frames_body() -> None:
         layout="side-by-side",
         shadows=False,
     )
-    assert np.array_equal(pair[0], pair[2]), "a body of another frame was left behind"
+    # To a grey level: the driver rounds what it is given anew.
+    apart = np.abs(pair[0].astype(int) - pair[2].astype(int))
+    assert apart.max() <= 1, "a body of another frame was left behind"
     assert tall(pair[0][:, :150]) == tall(pair[1][:, :150])
     assert tall(pair[1][:, 170:]) > 1.15 * tall(pair[0][:, 170:])
     strip = render_strip(motion, [0, 2], 320, 240, body=changing, spread=1.0)

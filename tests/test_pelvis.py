@@ -112,7 +112,7 @@ def test_a_foot_pushes_off_where_the_root_rises_too_early() -> None:
     pose = Kinematics(source.model, source.nframe).forward(source.qpos)
     rolling = root_shift(source, pose, plan.paths, plan.contacts, ROLLING)
     for tip in push_offs(source, pose, plan.paths, plan.contacts, rolling):
-        assert tip.max() < 0.005
+        assert tip.max() < 0.02  # 2 mm at the ankle, over a ball that is 0.14 m from it
     risen = rolling + (0.0, 0.0, 0.06)
     tips = push_offs(source, pose, plan.paths, plan.contacts, risen)
     for tip, foot in zip(tips, source.character.feet, strict=True):
@@ -127,7 +127,7 @@ def standing(foot: Foot, position: np.ndarray, nframe: int) -> FootPath:
     """A foot that stands at a place all the time."""
     still = np.tile((1.0, 0.0, 0.0, 0.0), (nframe, 1))
     place, none = np.tile(position, (nframe, 1)), np.zeros((nframe, 3))
-    return FootPath(foot.site, place, still, none, np.ones(nframe, bool), np.zeros(nframe))
+    return FootPath(foot.site, place, still, none, np.ones(nframe, bool), *np.zeros((2, nframe)))
 
 
 def test_a_heel_keeps_both_stretches_about_a_bad_frame() -> None:

@@ -101,10 +101,10 @@ def test_bad_ropes(wrong: dict[str, float], named: str) -> None:
 def test_with_a_character_it_is_one_model_that_plain_mujoco_loads(tmp_path: Path) -> None:
     character = compose("humanoid", Scene.from_spec(rope(edge=0.2), "rope"))
     model = character.model
-    assert (model.jnt_type[0], model.nq) == (mujoco.mjtJoint.mjJNT_FREE, 55 + 60)
+    assert (model.jnt_type[0], model.nq) == (mujoco.mjtJoint.mjJNT_FREE, 57 + 60)
     again = mujoco.MjModel.from_xml_path(str(save_model(character.spec, tmp_path)))
     assert again.nq == model.nq and again.nflex == 1 and again.neq == model.neq
-    assert rope_points(again).address.min() == 55
+    assert rope_points(again).address.min() == 57
 
 
 # ---------------------------------------------------------------- its points
@@ -201,7 +201,7 @@ def test_a_held_rope_goes_with_the_hold_and_a_free_one_does_not() -> None:
     assert np.abs(np.diff(points, axis=0)).max() < 0.06  # no jumps
     # Nothing of the climber was moved by the rope.
     bare = make_climb(humanoid())
-    np.testing.assert_array_equal(climb.original.qpos[:, :55], bare.qpos)
+    np.testing.assert_array_equal(climb.original.qpos[:, :57], bare.qpos)
 
 
 def test_figures_see_what_is_wrong() -> None:

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mjmotion.numerics import smoothing
 from mjmotion.numerics.smoothing import Bound, between, blend, envelope, fade
 
 CLOSE = 1e-8
@@ -208,3 +209,20 @@ def test_between_of_few_frames(nframe: int) -> None:
         np.testing.assert_array_equal(curve, values)
     else:
         np.testing.assert_allclose(curve, -1.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_newton_steps_find_the_curve_that_paying_in_turn_finds(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(seed)
+    values, price = rng.normal(size=80).cumsum(), 50.0
+    upper = Bound(values - rng.random(80), rng.random(80) < 0.5, price, upper=True)
+    lower = Bound(values - 2.0 * rng.random(80), rng.random(80) < 0.5, price, upper=False)
+    need, fixed = np.maximum(rng.normal(size=80), 0.0), rng.random(80) < 0.1
+    found = between(values, 3.0, (upper, lower)), envelope(need, fixed, 3.0)
+    monkeypatch.setattr(smoothing, "_exchange", lambda priced, start: (start, False))
+    newton = between(values, 3.0, (upper, lower)), envelope(need, fixed, 3.0)
+    for one, other in zip(found, newton, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-6)
+    assert (found[0] > upper.value)[upper.frames].any()  # bounds that are dear, not walls

@@ -21,6 +21,8 @@ from mjmotion.apps.clearing import (
     check_passage,
     past_obstacles,
     with_arms_clear,
+    with_arms_swung,
+    with_knees_apart,
 )
 from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics, site_id, site_positions
@@ -37,9 +39,10 @@ from mjmotion.constraints import (
 from mjmotion.constraints.shared_targets import with_moves
 from mjmotion.constraints.unmet import find_unmet
 from mjmotion.fitting import FINEST, TOLERANCE, Fit, fit, whole
-from mjmotion.footsteps.ankles import relax_ankles
+from mjmotion.footsteps.ankles import SHORTEST, relax_ankles, trim_toe_contacts
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.obstacles import ObstacleClearance
+from mjmotion.footsteps.paths import with_toes
 from mjmotion.footsteps.plan import Plan, make_plan, shifted, with_free_footholds
 from mjmotion.ik import IKSolver, make_solver
 from mjmotion.ik.solver import default_rigidity
@@ -51,7 +54,7 @@ Array = NDArray[np.float64]
 
 ROOT_STIFFNESS = 15.0  # how much stiffer the root is than elsewhere: its path is planned
 LEAN = 0.25  # how far beyond a limb's reach the body may lean for a target [m]
-RELAX_ROUNDS = 2  # times that the fitted motion is asked whether its ankles can follow
+RELAX_ROUNDS = 4  # times that the fitted motion is asked whether its ankles can follow
 
 
 def adapt(  # more than eight parameters: all but the first two have a default
@@ -146,15 +149,18 @@ def fit_plan(
         clearance = ObstacleClearance(character, plan.obstacles, nframe)
         result = past_obstacles(result, asked_for, clearance, solver, settings)
     plan, result = _with_relaxed_ankles(plan, result, near, solver, clearance)
+    result = with_knees_apart(plan, result, near, clearance)
+    result = with_arms_swung(plan, result, near, clearance, composed)
     result = with_arms_clear(plan, result, near, clearance, composed, settings, solver)
     if clearance is not None:
         check_passage(clearance, result)
     # Against what was asked for, not what was brought within reach; free targets where they went.
     wanted = [*plan.constraints(), *with_moves(asked, result.moves)]
     targets = lay_out(wanted, character.model, nframe)
+    source = plan.source.on(composed)
     return Result(
-        plan.source.on(composed),
-        result.motion.on(composed),
+        source,
+        source.replace(with_toes(result.motion, plan.paths).qpos),
         plan.contacts,
         result.trace,
         find_unmet(result.motion, targets, wanted),
@@ -173,11 +179,19 @@ def _with_relaxed_ankles(
     Only the fitted motion shows for certain what the ankles are asked for.
     """
     posed = {path.site for path in plan.paths}
+    motion = plan.source
     feet = [foot for foot in plan.source.character.feet if foot.site in posed] if posed else []
     for _ in range(RELAX_ROUNDS):
         paths, contacts = relax_ankles(result.motion, feet, plan.paths, plan.contacts, plan.source)
         if paths == plan.paths:
             break
+        contacts = trim_toe_contacts(
+            contacts,
+            motion.character.feet,
+            paths,
+            (plan.stances, plan.footholds),
+            SHORTEST * motion.fps,
+        )
         plan = dataclasses.replace(plan, paths=paths, contacts=contacts)
         again = fit(
             result.motion,

@@ -10,22 +10,25 @@ import dataclasses
 import time
 from collections.abc import Sequence
 
+import mujoco
 import numpy as np
 
 from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics, body_dofs
 from mjmotion.body.motion import Motion
-from mjmotion.constraints import Constraint
+from mjmotion.constraints import Constraint, RelativeConstraint
 from mjmotion.exceptions import ModelError, SceneError, frame_list
 from mjmotion.fitting import FINEST, TOLERANCE, Fit, default_levels, fit, whole
+from mjmotion.footsteps.arm_swing import arms_swung
 from mjmotion.footsteps.bow import bow
 from mjmotion.footsteps.clearances import BodyClearances, Clearances, pushed_clear
+from mjmotion.footsteps.knees_apart import knees_apart
 from mjmotion.footsteps.obstacles import ObstacleClearance
 from mjmotion.footsteps.plan import Plan
 from mjmotion.footsteps.self_clearance import SelfClearance
 from mjmotion.footsteps.surfaces import SurfaceClearance, find_surfaces
 from mjmotion.ik import IKSolver
-from mjmotion.ik.solver import default_rigidity
+from mjmotion.ik.solver import Clearance, default_rigidity
 from mjmotion.numerics.progress import Progress, no_progress
 
 DUCK_MARGIN = 0.05  # distance kept while the way through is found, more than in the end [m]
@@ -111,6 +114,75 @@ def check_passage(clearance: ObstacleClearance, result: Fit) -> None:
         )
 
 
+def with_knees_apart(
+    plan: Plan, result: Fit, asked: Sequence[Constraint], obstacles: ObstacleClearance | None
+) -> Fit:
+    """Turn knees outwards where legs are in each other and the source's are not.
+
+    Legs that something is asked of beside their feet are left alone, as are those beside a wall.
+    """
+    began = time.perf_counter()
+    character = plan.source.character
+    ends = {limb.end for limb in character.limb_by_end.values()}
+    legs = {body for foot in character.feet for body in _above(character, foot.body)}
+    if {_body(character.model, site) for site in _sites(asked)} & (legs - ends):
+        return result
+    turned = knees_apart(result.motion, plan.source)
+    if turned is result.motion:
+        return _taking(result, began)
+    if obstacles is not None and _depth(obstacles, turned) > _depth(obstacles, result.motion):
+        return _taking(result, began)
+    return dataclasses.replace(_taking(result, began), motion=turned)
+
+
+def with_arms_swung(
+    plan: Plan,
+    result: Fit,
+    asked: Sequence[Constraint],
+    obstacles: ObstacleClearance | None,
+    composed: Character,
+) -> Fit:
+    """Swing arms with the legs that are lifted higher than the source's.
+
+    Arms that something is asked of are left alone; all of them beside and under obstacles, and
+    where arms are in the body or the ground, or would come to be.
+    """
+    began = time.perf_counter()
+    model, frames = plan.source.model, np.arange(plan.source.nframe)
+    held = {_body(model, site) for site in _sites(asked)}
+    swung = arms_swung(result.motion, plan.source, held)
+    if swung is result.motion:
+        return _taking(result, began)
+    _, inside = _around_arms(plan, result.motion, composed, _arms(plan.source.character))
+    tight: list[Clearance] = [inside]
+    if obstacles is not None:
+        tight.append(obstacles.at_margin(DUCK_MARGIN))
+    busy = np.zeros(len(frames), dtype=bool)
+    for motion in (result.motion, swung):
+        for clearance in tight:
+            busy[clearance(motion.qpos, frames).frame] = True
+    if busy.any():
+        swung = arms_swung(result.motion, plan.source, held, busy)
+    return dataclasses.replace(_taking(result, began), motion=swung)
+
+
+def _sites(asked: Sequence[Constraint]) -> list[str]:
+    """Return the sites that constraints are about."""
+    sites = [one.site for one in asked]
+    return sites + [one.to for one in asked if isinstance(one, RelativeConstraint)]
+
+
+def _body(model: mujoco.MjModel, site: str) -> int:
+    """Return the body of a site."""
+    return int(model.site(site).bodyid[0])
+
+
+def _above(character: Character, foot: int) -> set[int]:
+    """Return the bodies of a leg that ends in a foot."""
+    limb = character.limb_by_end.get(foot)
+    return set() if limb is None else {limb.upper, limb.lower, limb.end}
+
+
 def with_arms_clear(
     plan: Plan,
     result: Fit,
@@ -129,16 +201,9 @@ def with_arms_clear(
     arms = _arms(source.character)
     if not arms:
         return result
-    surfaces = find_surfaces(composed.model, result.motion.qpos[:, :3])
-    kinematics = Kinematics(source.model, nframe, geoms=True)
-    resting = {int(source.model.site(c.site).bodyid[0]) for c in plan.contacts}
-    others = set(range(source.model.nbody)) - arms
-    itself = SelfClearance(source, kinematics, arms)
-    ground = SurfaceClearance(source.character, surfaces, resting | others)
-    inside = BodyClearances(kinematics, (itself.at_margin(0.0), ground.at_margin(0.0)))
+    body, inside = _around_arms(plan, result.motion, composed, arms)
     if len(inside(result.motion.qpos, np.arange(nframe)).frame) == 0:
         return _taking(result, began)
-    body = BodyClearances(kinematics, (itself, ground))
     keep = body if obstacles is None else Clearances((obstacles.of(arms), body))
     levels = list(default_levels(source.fps) if settings.levels is None else settings.levels)
     rigidity = default_rigidity(source.model)
@@ -157,6 +222,21 @@ def with_arms_clear(
         pushed, asked_for, levels=[FINEST], ik=solver, clearance=obstacles, first_guess=False
     )
     return dataclasses.replace(again, trace=whole((looked.trace, again.trace)))
+
+
+def _around_arms(
+    plan: Plan, motion: Motion, composed: Character, arms: set[int]
+) -> tuple[BodyClearances, BodyClearances]:
+    """Return what arms keep clear of, body and ground, and the same where they are inside only."""
+    source = plan.source
+    surfaces = find_surfaces(composed.model, motion.qpos[:, :3])
+    kinematics = Kinematics(source.model, source.nframe, geoms=True)
+    resting = {_body(source.model, contact.site) for contact in plan.contacts}
+    others = set(range(source.model.nbody)) - arms
+    itself = SelfClearance(source, kinematics, arms)
+    ground = SurfaceClearance(source.character, surfaces, resting | others)
+    inside = BodyClearances(kinematics, (itself.at_margin(0.0), ground.at_margin(0.0)))
+    return BodyClearances(kinematics, (itself, ground)), inside
 
 
 def _depth(obstacles: ObstacleClearance, motion: Motion) -> float:

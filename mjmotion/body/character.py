@@ -205,8 +205,8 @@ class Character:
             if names != theirs[kind][0]:
                 return f"other {kind}"
         for kind, (names, sizes) in mine.items():
-            rows = zip(names, sizes, theirs[kind][1], strict=True)
-            far = [name for name, a, b in rows if np.abs(a - b).max(initial=0.0) > SAME_BODY]
+            apart = np.abs(sizes - theirs[kind][1]).max(axis=1, initial=0.0)
+            far = [names[i] for i in np.flatnonzero(apart > SAME_BODY)]
             if far:
                 more = f" and {len(far) - 1} more" if len(far) > 1 else ""
                 return f"other sizes of {kind}: {far[0]}{more}"
@@ -239,13 +239,10 @@ def read_spec(source: str | Path | mujoco.MjSpec) -> tuple[mujoco.MjSpec, str]:
 
 def quaternion_addresses(model: mujoco.MjModel) -> list[int]:
     """Return where in ``qpos`` each quaternion begins: the root's and every ball's."""
-    addresses = []
-    for joint in range(model.njnt):
-        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
-            addresses.append(int(model.jnt_qposadr[joint]) + 3)
-        elif model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL:
-            addresses.append(int(model.jnt_qposadr[joint]))
-    return addresses
+    kind, address = model.jnt_type, model.jnt_qposadr
+    free = kind == mujoco.mjtJoint.mjJNT_FREE
+    turns = free | (kind == mujoco.mjtJoint.mjJNT_BALL)
+    return list((address + 3 * free)[turns].tolist())
 
 
 def joint_names(model: mujoco.MjModel) -> list[str]:
@@ -253,8 +250,8 @@ def joint_names(model: mujoco.MjModel) -> list[str]:
     return [model.joint(joint).name for joint in range(model.njnt)]
 
 
-def _anatomy(model: mujoco.MjModel) -> dict[str, tuple[list[str], list[Array]]]:
-    """Return names and sizes of a character's bodies, joints, sites and geoms, by kind."""
+def _anatomy(model: mujoco.MjModel) -> dict[str, tuple[list[str], Array]]:
+    """Return names (n,) and sizes (n, k) of a character's bodies, joints, sites and geoms."""
     mine = model.body_rootid == root_body(model)
     bodies = np.flatnonzero(mine)
     joints = np.flatnonzero(mine[model.jnt_bodyid])
@@ -269,29 +266,28 @@ def _anatomy(model: mujoco.MjModel) -> dict[str, tuple[list[str], list[Array]]]:
     return {
         "bodies": (
             [f"{model.body(int(b)).name} on {parent[int(b)]}" for b in bodies],
-            [np.concatenate((place[b], _turn(turn[b]))) for b in bodies],
+            np.hstack((place[bodies], _turn(turn[bodies]))),
         ),
         "joints": (
             [f"{model.joint(int(j)).name} of type {model.jnt_type[j]}" for j in joints],
-            [np.concatenate((model.jnt_pos[j], model.jnt_axis[j])) for j in joints],
+            np.hstack((model.jnt_pos[joints], model.jnt_axis[joints])),
         ),
         "sites": (
             [model.site(int(s)).name for s in sites],
-            [np.concatenate((model.site_pos[s], _turn(model.site_quat[s]))) for s in sites],
+            np.hstack((model.site_pos[sites], _turn(model.site_quat[sites]))),
         ),
         "geoms": (
             [
                 f"geom of {model.body(int(model.geom_bodyid[g])).name} of type {model.geom_type[g]}"
                 for g in geoms
             ],
-            [
-                np.concatenate((model.geom_pos[g], _turn(model.geom_quat[g]), model.geom_aabb[g]))
-                for g in geoms
-            ],
+            np.hstack(
+                (model.geom_pos[geoms], _turn(model.geom_quat[geoms]), model.geom_aabb[geoms])
+            ),
         ),
     }
 
 
 def _turn(quat: Array) -> Array:
-    """Return a rotation (9,) without the sign that its quaternion is free to have."""
-    return to_matrix(quat).ravel()
+    """Return rotations (n, 9) without the sign that their quaternions (n, 4) are free to have."""
+    return to_matrix(quat).reshape(-1, 9)

@@ -109,10 +109,12 @@ class JointLimits:
         model = self.model
         qpos = np.atleast_2d(np.asarray(qpos, dtype=np.float64))
         columns = [np.zeros((len(qpos), 0))]
+        adr = model.jnt_qposadr[list(self.boxes)][:, None] + np.arange(4)
+        turns = dict(zip(self.boxes, np.moveaxis(swing_twist(qpos[:, adr]), 1, 0), strict=True))
         for joint in self._limited:
             at = model.jnt_qposadr[joint]
             if joint in self.boxes:
-                angles = swing_twist(qpos[:, at : at + 4])
+                angles = turns[joint]
                 low, high = self.boxes[joint].T
             elif model.jnt_type[joint] == _BALL:
                 angles = _ball_angle(qpos[:, at : at + 4])[:, None]

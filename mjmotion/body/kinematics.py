@@ -1,12 +1,11 @@
-"""Where everything is, in all frames at once: the one owner of ``mujoco.batch.Batch``.
+"""Where everything is in all frames, and what rays hit: the one owner of ``mujoco.batch.Batch``.
 
     kinematics = Kinematics(model, nframe)
     pose = kinematics.forward(qpos)          # bodies, sites, joint axes of every frame
     jacp, jacr = pose.jacobian(points, body)  # of world points on one body
     distance, geom = cast_rays(model, origins, directions)
 
-``forward`` runs on all cores and gives bit for bit what a loop over one ``MjData`` would. Jacobians
-are put together from joint axes and anchors, which costs one pass for any number of points.
+Jacobians are put together from joint axes and anchors: one pass for any number of points.
 """
 
 from __future__ import annotations
@@ -26,7 +25,8 @@ from mjmotion.numerics.rotations import cross, exp, multiply, rotate
 
 Array = NDArray[np.float64]
 
-_RAY_CHUNK = 64  # simulations a ray batch is cut into: enough to keep every core busy
+_RAY_CHUNK = 64  # simulations that many rays are cut into: enough to keep every core busy
+_RAYS_EACH = 256  # rays of one of them at least: it takes longer to wake a thread for fewer
 
 
 def site_id(model: mujoco.MjModel, name: str) -> int:
@@ -137,10 +137,6 @@ class Pose:
         axis[:, kinds.single] = self.xaxis[:, kinds.joints]
         return axis
 
-    @property
-    def _turning(self) -> NDArray[np.bool_]:
-        return self.kinds.turns
-
     def jacobian(self, points: Array, body: int, dofs: NDArray[np.int64]) -> tuple[Array, Array]:
         """Return the Jacobians of one world point a frame, fixed to ``body``.
 
@@ -153,7 +149,7 @@ class Pose:
           jacp, jacr: (n, 3, k) translation and rotation.
         """
         moves = body_dofs(self.model, body)[dofs]
-        turns = moves & self._turning[dofs]
+        turns = moves & self.kinds.turns[dofs]
         axis = self.dof_axis[:, dofs]
         jacr = np.where(turns[:, None], axis, 0.0)
         arm = points[:, None, :] - self.xanchor[:, self.model.dof_jntid[dofs]]
@@ -178,7 +174,7 @@ class Pose:
         ]
         axis = self.dof_axis[frames]
         arm = points[:, None, :] - self.xanchor[frames][:, model.dof_jntid]
-        along = np.where(self._turning[:, None], cross(axis, arm), axis)
+        along = np.where(self.kinds.turns[:, None], cross(axis, arm), axis)
         return np.where(moves, np.einsum("mdi,mi->md", along, normals), 0.0)
 
 
@@ -281,10 +277,11 @@ def site_orientations(
 
 
 class Kinematics:
-    """Forward kinematics of ``nframe`` frames of one model, on all cores.
+    """Forward kinematics of ``nframe`` frames of one model.
 
-    The model is copied with collisions, limits and sensors off: only positions are wanted. With
-    ``bones`` that change, every frame gets a body of its own.
+    ``mj_kinematics`` on one body, frame after frame: a batch would also work out mass matrices, and
+    wait for its threads, which takes longer. With ``bones`` that change, every frame gets a body of
+    its own, and those are a batch.
     """
 
     _FIELDS = ("xpos", "xquat", "xmat", "site_xpos", "site_xmat", "xanchor", "xaxis")
@@ -300,38 +297,62 @@ class Kinematics:
         self.model = model
         self.nframe = nframe
         self._kinds = dof_kinds(model)
-        bare = copy.copy(model)
-        flags = mujoco.mjtDisableBit
-        bare.opt.disableflags |= int(
-            flags.mjDSBL_CONTACT | flags.mjDSBL_CONSTRAINT | flags.mjDSBL_SENSOR
-        )
-        if bones is not None:
-            bones.check(model, nframe)
-            # MuJoCo takes the body's place for a site at its origin, whatever ``site_pos`` becomes.
-            bare.site_sameframe[:] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE.value
-        self._batch = Batch(bare, nframe)
-        if bones is not None:
-            for field in dataclasses.fields(bones):
-                self._batch.expand(field.name)[:] = getattr(bones, field.name)
-        self._qpos = self._batch.bind("qpos")
-        names = self._FIELDS + (("geom_xpos", "geom_xmat") if geoms else ())
-        self._bound = {name: self._batch.bind(name) for name in names}
+        self._names = self._FIELDS + (("geom_xpos", "geom_xmat") if geoms else ())
+        self._data = mujoco.MjData(model)
+        self._batch = None if bones is None else _boned_batch(model, nframe, bones)
 
     def forward(self, qpos: Array, frames: NDArray[np.int64] | None = None) -> Pose:
         """Return where everything is.
 
         Args:
           qpos: (n, nq) poses: of all frames, or of ``frames``.
-          frames: (n,) places in the batch to use, rising, when ``n`` is less than ``nframe``.
+          frames: (n,) which of the frames they are, rising, when ``n`` is less than ``nframe``.
         """
-        rows = slice(None) if frames is None else frames
-        self._qpos[rows] = qpos
-        self._batch.forward(ids=frames, stage=mujoco.mjtStage.mjSTAGE_POS.value)
-        field = {name: bound[rows].copy() for name, bound in self._bound.items()}
+        field = self._one_by_one(qpos) if self._batch is None else self._together(qpos, frames)
         for name in ("xmat", "site_xmat", "geom_xmat"):
             if name in field:
                 field[name] = field[name].reshape(*field[name].shape[:2], 3, 3)
         return Pose(self.model, kinds=self._kinds, **field)
+
+    def _one_by_one(self, qpos: Array) -> dict[str, Array]:
+        """Return the fields of poses (n, nq) of the model's own body."""
+        model, data, kinematics = self.model, self._data, mujoco.mj_kinematics
+        field, pose = {}, data.qpos
+        for name in self._names:
+            view = getattr(data, name)
+            field[name] = np.empty((len(qpos), *view.shape)), view
+        both = list(field.values())
+        for index, row in enumerate(qpos):  # MuJoCo takes one frame at a time
+            pose[:] = row
+            kinematics(model, data)
+            for all_frames, this in both:
+                all_frames[index] = this
+        return {name: all_frames for name, (all_frames, _) in field.items()}
+
+    def _together(self, qpos: Array, frames: NDArray[np.int64] | None) -> dict[str, Array]:
+        """Return the fields of poses (n, nq), each of a body of its own."""
+        assert self._batch is not None
+        rows = slice(None) if frames is None else frames
+        self._batch.bind("qpos")[rows] = qpos
+        bound = {name: self._batch.bind(name) for name in self._names}
+        self._batch.forward(ids=frames, stage=mujoco.mjtStage.mjSTAGE_POS.value)
+        return {name: values[rows].copy() for name, values in bound.items()}
+
+
+def _boned_batch(model: mujoco.MjModel, nframe: int, bones: Bones) -> Batch:
+    """Return a batch with a body for each frame; collisions, limits and sensors are off."""
+    bones.check(model, nframe)
+    bare = copy.copy(model)
+    flags = mujoco.mjtDisableBit
+    bare.opt.disableflags |= int(
+        flags.mjDSBL_CONTACT | flags.mjDSBL_CONSTRAINT | flags.mjDSBL_SENSOR
+    )
+    # MuJoCo takes the body's place for a site at its origin, whatever ``site_pos`` becomes.
+    bare.site_sameframe[:] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE.value
+    batch = Batch(bare, nframe)
+    for field in dataclasses.fields(bones):
+        batch.expand(field.name)[:] = getattr(bones, field.name)
+    return batch
 
 
 def level_side(pose: Pose) -> Array:
@@ -362,22 +383,14 @@ class RayCaster:
         count = len(origins)
         if count == 0:
             return np.empty(0), np.empty(0, np.int32), np.empty((0, 3))
-        chunk = min(_RAY_CHUNK, count)
+        chunk = min(_RAY_CHUNK, -(-count // _RAYS_EACH))
         per = -(-count // chunk)
-        padded = np.zeros((chunk * per, 3))
-        padded[:count] = origins
-        padded[count:] = origins[-1]
-        vector = np.zeros((chunk * per, 3))
-        vector[:count] = directions
-        vector[count:] = vector[count - 1]
+        some = np.minimum(np.arange(chunk * per), count - 1)  # the last again, to fill up
         distance, geom, normal = self._batch.ray(
-            padded.reshape(chunk, per, 3),
-            vector.reshape(chunk, per, 3),
+            origins[some].reshape(chunk, per, 3),
+            np.broadcast_to(directions, origins.shape)[some].reshape(chunk, per, 3),
             ids=np.arange(chunk),
             normal=True,
         )
-        return (
-            distance.ravel()[:count],
-            geom.ravel()[:count],
-            normal.reshape(-1, 3)[:count],
-        )
+        distance, geom, normal = distance.ravel(), geom.ravel(), normal.reshape(-1, 3)
+        return distance[:count], geom[:count], normal[:count]

@@ -88,7 +88,8 @@ class Motion:
         # What is of unit length but for rounding stays to the bit: frames that no edit touches are
         # those they were, however often they are copied and saved.
         norm[np.abs(norm - 1.0) < _ROUNDING] = 1.0
-        qpos[:, columns] = quats / norm[..., None]
+        if (norm != 1.0).any():
+            qpos[:, columns] = quats / norm[..., None]
         qpos.flags.writeable = False
         return qpos
 

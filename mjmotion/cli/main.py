@@ -36,6 +36,7 @@ COMMANDS = (
     "retarget",
     "edit",
     "edit-frame",
+    "replay",
     "view",
     "table1",
     "morph",

@@ -22,6 +22,9 @@ class HumanoidDimensions:
         self.thigh = float(np.linalg.norm(model.body("left_shank").pos))
         self.shank = float(np.linalg.norm(model.body("left_foot").pos))
         self.hips = {side: np.array(model.body(f"{side}_thigh").pos) for side in SIDES}
+        self.feet = tuple(
+            next(foot for foot in character.feet if foot.side == side) for side in SIDES
+        )
         boxes = character.limits.boxes
         ankles = {side: boxes.get(model.joint(f"{side}_ankle").id) for side in SIDES}
         # The foot's toes-up turn is negative about y.

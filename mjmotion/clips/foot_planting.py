@@ -1,10 +1,11 @@
 """Feet of a clip on the humanoid: soles level in stance, pinned to the ground, within reach.
 
-The humanoid's foot is one rigid piece, a recorded foot bends at the ball. A foot that only copied
-the recording would push its toes through the ground at every heel-off. So each stance gets a pose
-of its own: level while the recorded foot is flat, then turning about the tip of the toe as high as
-the recorded ankle rises, and before it turning about the heel. The differences from the recorded
-pose are carried smoothly through the swings.
+The humanoid's foot has other lengths than the recorded one, and a sole. A foot that only copied the
+recording would float, or push into the ground at every heel-off. So each stance gets a pose of its
+own: level while the recorded foot is flat, then turning about its ball as high as the recorded
+ankle rises, and before it turning about the heel. The differences from the recorded pose are
+carried smoothly through the swings. The toes lie on the ground while the ball stands, and bend as
+recorded else.
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.feet import Toes
 from mjmotion.body.reach import drop_to_reach
 from mjmotion.clips.dimensions import HumanoidDimensions
 from mjmotion.clips.recorded_feet import STILL, RecordedFoot, RecordedStance, find_stances
 from mjmotion.clips.rig import SIDES
 from mjmotion.clips.upright import UP, speed_of
 from mjmotion.numerics import rotations as rot
-from mjmotion.numerics.smoothing import cover
+from mjmotion.numerics.smoothing import cover, envelope
 
 Array = rot.Array
 
@@ -31,6 +33,7 @@ _HEEL_DOWN = 0.04  # [m] a heel that is no higher, before flat stance, has struc
 _EVEN = 0.04  # [m] stances on flat ground differ by less
 _TILT = 0.04  # slope of a floor that was meant to be level
 _CLEAR = 0.004  # [m] how deep a sole may graze the ground in a swing
+_GIVE = 0.03  # [s] how far on either side it is felt that toes keep out of the ground
 _SHARP, _SOFT = 10.0, 1e-2  # [Hz] what corrections follow in contact; weight of none in swing
 
 
@@ -175,22 +178,27 @@ def _pin(
         tip, yaw = _roll_over_toe(goals, foot, stance, toe)
         if len(stance.flat):
             back = tip + rot.rotate(yaw, heel - toe)
-            _roll_over_heel(goals, foot, stance, heel, back, fps)
+            struck = _roll_over_heel(goals, foot, stance, heel, back, fps)
+            # A foot that slaps down may swing through: on its heel its toe is not under the ground.
+            deep = rot.rotate(foot.quat[struck], toe - heel)[:, 2] < (toe - heel)[2]
+            goals.turn(struck[deep], np.broadcast_to(yaw, (int(deep.sum()), 4)))
     change = rot.log(rot.multiply(goals.quat, rot.conjugate(foot.quat)))
     quat = rot.multiply(rot.exp(smooth_correction(change, goals.turned, fps)), foot.quat)
-    return _fix_contacts(dataclasses.replace(foot, quat=quat), goals, heel, toe, fps)
+    standing = (goals.fixed > 0) & (goals.contact == toe).all(axis=1)
+    foot = dataclasses.replace(foot, quat=quat, standing=standing)
+    return _fix_contacts(foot, goals, heel, toe, fps)
 
 
 def _roll_over_toe(
     goals: _StanceGoals, foot: RecordedFoot, stance: RecordedStance, toe: Array
 ) -> tuple[Array, Array]:
-    """Level the foot in flat stance, then turn it about the tip of its toe, heel up.
+    """Level the foot in flat stance, then turn it about its ball, heel up.
 
     Returns:
-      Where the tip stands (3,) [m], and the yaw (4,) of the foot.
+      Where the ball stands (3,) [m], and the yaw (4,) of the foot.
     """
     frames = np.arange(stance.start, stance.end)
-    # The foot turns about the tip of its toe as far as brings the ankle to its height.
+    # The foot turns about its ball as far as brings the ankle to its height.
     radius, flat_angle = np.hypot(toe[0], toe[2]), np.arctan2(-toe[2], toe[0])
     sine = (foot.ankle[frames, 2] - stance.height) / radius
     pitch = np.maximum(np.arcsin(np.clip(sine, -1, 1)) - flat_angle, 0.0)
@@ -206,7 +214,7 @@ def _roll_over_toe(
     quat = rot.multiply(np.broadcast_to(yaw, tilt.shape), tilt)
     tip = (foot.ankle[flat] + rot.rotate(quat[flat - stance.start], toe)).mean(axis=0)
     tip[2] = 0.0 if abs(stance.height) < _EVEN / 2 else stance.height
-    # Straight over its toe a rigid foot can rise no more; it leaves the ground before.
+    # Straight over its ball a foot can rise no more; the ball leaves the ground before.
     use = sine < 0.95
     if len(stance.flat):
         use &= frames >= flat[0]
@@ -222,15 +230,21 @@ def _roll_over_heel(
     heel: Array,
     position: Array,
     fps: float,
-) -> None:
-    """Fix the heel at its ``position`` (3,) [m] from where it has struck up to flat stance."""
+) -> NDArray[np.int64]:
+    """Fix the heel at its ``position`` (3,) [m] from where it has struck up to flat stance.
+
+    Returns:
+      (n,) the frames of that.
+    """
     recorded = foot.point(heel)
     struck = recorded[:, 2] - stance.height < _HEEL_DOWN
     struck &= speed_of(recorded, fps) < 3 * STILL
     first = int(stance.flat[0])
     while first > 0 and struck[first - 1] and goals.fixed[first - 1] == 0:
         first -= 1
-    goals.fix(np.arange(first, stance.flat[0]), heel, position)
+    frames = np.arange(first, stance.flat[0])
+    goals.fix(frames, heel, position)
+    return frames
 
 
 def _fix_contacts(
@@ -250,6 +264,34 @@ def _fix_contacts(
         fixed = np.maximum(fixed, deep)
         moved[:, 2] = smooth_correction(shift[:, 2:], fixed, fps)[:, 0]
     return foot.moved_by(moved)
+
+
+def toe_bend(foot: RecordedFoot, toes: Toes, ball: Array, tip: Array, fps: float) -> Array:
+    """Return how far toes bend up (nframe,) [rad]: flat where the ball stands, else as recorded.
+
+    In the swing they keep out of the ground at z = 0, as far as they bend.
+
+    Args:
+      foot: the foot as it is on the humanoid at last.
+      toes: its toes.
+      ball: (3,) the ball in the foot body [m].
+      tip: (3,) the tip of the toes there [m].
+      fps: frames a second.
+    """
+    ahead = rot.rotate(foot.quat, np.array((1.0, 0.0, 0.0)))
+    pitch = np.arctan2(-ahead[:, 2], np.hypot(ahead[:, 0], ahead[:, 1]))
+    free = np.clip(foot.bend, toes.low, toes.high)
+    weight = foot.standing.astype(float)
+    change = np.where(foot.standing, pitch - free, 0.0)
+    bend = free + smooth_correction(change[:, None], weight, fps)[:, 0]
+    bend = np.where(foot.standing, pitch, bend)
+    # The tip of toes that are bent less than this would be under the ground.
+    high = foot.point(ball)[:, 2] / float(np.linalg.norm(tip - ball))
+    least = np.where(foot.standing, -np.inf, pitch - np.arcsin(np.clip(high, -1.0, 1.0)))
+    lack = np.minimum(least, toes.high) - bend
+    if lack.max(initial=0.0) > 0.0:
+        bend = bend + envelope(lack, foot.standing, _GIVE * fps)
+    return np.clip(bend, toes.low, toes.high)
 
 
 def smooth_correction(values: Array, weight: Array, fps: float) -> Array:

@@ -30,8 +30,16 @@ from mjmotion.clips.gait_feet import (
     find_swing,
     foot_shape,
     swing_phases,
+    toe_bends,
 )
-from mjmotion.clips.gait_legs import SIDES, close_legs, leg_of, pelvis_height, room_to_rise
+from mjmotion.clips.gait_legs import (
+    SIDES,
+    close_legs,
+    leg_of,
+    pelvis_height,
+    room_to_rise,
+    with_toes,
+)
 from mjmotion.clips.gait_plan import Segment, WalkPath, plan_path, plan_steps
 from mjmotion.clips.gait_table import GaitTable, gait_table
 from mjmotion.exceptions import ClipError, ModelError
@@ -154,18 +162,21 @@ def _poses(character: Character, path: WalkPath, psi: Array, stride: float, duty
     table = gait_table()
     model = character.model
     legs = Limbs(model, [leg_of(character, side) for side in SIDES])
-    shapes = [foot_shape(model, side) for side in SIDES]
+    shapes = [foot_shape(character, side) for side in SIDES]
     swing = _table_swing(model, table)
     scale = min(stride / STRIDE, 1.2)
     steps = [plan_steps(path, side, _WIDTHS, _TOE_OUT) for side in SIDES]
-    feet = partial(both_feet, steps, shapes, swing, roll=Roll(toe_off=duty))
+    roll = Roll(toe_off=duty)
+    feet = partial(both_feet, steps, shapes, swing, roll=roll)
     # How high the pelvis can be is found on a grid of its own, so that no frame rate changes it.
     grid = path.psi[::2]
     body = _body(model, table, path, grid, scale)
     room = room_to_rise(legs, body, feet(grid), _KNEE)
     qpos = _body(model, table, path, psi, scale)
     qpos[:, 2] += pelvis_height(grid, room, np.clip(psi, grid[0], grid[-1]), _NEAR)
-    return close_legs(legs, qpos, feet(psi))
+    placed = feet(psi)
+    qpos = close_legs(legs, qpos, placed)
+    return with_toes(character, qpos, toe_bends(steps, psi, placed[1], roll))
 
 
 def _body(

@@ -1,8 +1,9 @@
 """The feet of the built-in walk: planted in stance, rolling over heel and toe, swung in between.
 
 A foot strikes with its heel and turns about it until it is flat; from heel-off on it turns about
-its toe. In its swing it does what the table's legs do, from where it leaves to where it comes down,
-and soon after the one and before the other has the speed and acceleration of the rolling foot.
+its ball, and its toes lie on the ground. In its swing it does what the table's legs do, from where
+it leaves to where it comes down, and soon after the one and before the other has the speed and
+acceleration of the rolling foot.
 """
 
 from __future__ import annotations
@@ -10,20 +11,21 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.character import Character
 from mjmotion.clips.gait_plan import Steps, ease
-from mjmotion.numerics.rotations import exp, multiply, yaw_quat
+from mjmotion.numerics.cubic import CubicSpline
+from mjmotion.numerics.rotations import exp, multiply, rotate, yaw_quat
 
 Array = NDArray[np.float64]
 
-# Phases of a stance, from heel strike on [cycles]. The recordings' contacts have 0.09, 0.43, 0.62;
-# a sole that does not bend at the toes rises a little earlier.
-FOOT_FLAT, HEEL_OFF, TOE_OFF = 0.09, 0.42, 0.60
+# Phases of a stance, from heel strike on [cycles]; the recordings' contacts of heel and ball have
+# 0.09, 0.43, 0.57.
+FOOT_FLAT, HEEL_OFF, TOE_OFF = 0.09, 0.42, 0.57
 STRIKE = np.deg2rad(21.0)  # toes up at heel strike of a full stride
-PUSH = np.deg2rad(47.0)  # heel up at its toe-off
+PUSH = np.deg2rad(39.0)  # heel up as its ball leaves the ground
 LEAST_PUSH = 0.35  # share of that even for the smallest step
 _LATER = 0.11  # how much later a foot leaves for the smallest step [cycles]
 _EARLY = 0.01  # how long before the heel strike the toes begin to fall [cycles]
@@ -35,6 +37,9 @@ _CLEARANCE = 0.014  # of the sole in mid-swing [m]
 _LIFT_AT = np.linspace(0.2, 0.75, 23)  # where in the swing that is looked at
 _APART = 0.112  # between the middle lines of a foot that swings by and one that stands [m]
 _SAMPLES = 96  # of a swing's shape
+_MORE = np.deg2rad(12.0)  # that toes bend up further in the air than as the ball leaves
+_STRAIGHT = 0.9  # share of a swing after which toes are straight again
+_READY = 0.3  # share of it before its end in which toes that come down first bend
 _BLEND = (0.40, 0.30)  # shares of a swing in which it takes leave of the old stance, joins the new
 
 
@@ -44,9 +49,9 @@ class Roll:
 
     Attributes:
       flat, heel_off, toe_off: phases of a stance at which the sole is flat, the heel leaves and the
-        toe leaves [cycles].
+        toe site leaves, of a foot with toes its ball [cycles].
       strike: how far the toes are up at first touch; negative where the toes come down first [rad].
-      push: how far the heel is up as the toe leaves [rad].
+      push: how far the heel is up as that leaves [rad].
       clearance: of the sole in mid-swing, at least [m].
     """
 
@@ -63,16 +68,26 @@ WALKING = Roll()
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FootShape:
-    """A foot, in its own frame with the ankle at the origin: heel and toe (x, z) [m]."""
+    """A foot, in its own frame with the ankle at the origin: heel, toe site and tip (x, z) [m].
+
+    A foot whose toes bend rolls over its toe site, the ball; the tip is of toes that are straight.
+    """
 
     heel: Array
     toe: Array
+    tip: Array
 
 
-def foot_shape(model: mujoco.MjModel, side: str) -> FootShape:
-    """Return heel and toe of a foot from the model's sites."""
+def foot_shape(character: Character, side: str) -> FootShape:
+    """Return the shape of a foot.
+
+    Raises:
+      ModelError: the model has no such foot.
+    """
+    model = character.model
     heel, toe = (model.site(f"{side}_{part}").pos[[0, 2]] for part in ("heel", "toe"))
-    return FootShape(np.array(heel), np.array(toe))
+    (foot,) = (foot for foot in character.feet if foot.side == side)
+    return FootShape(np.array(heel), np.array(toe), toe + (foot.front - foot.toe)[[0, 2]])
 
 
 def toe_off(steps: Steps, roll: Roll = WALKING) -> Array:
@@ -144,7 +159,7 @@ def foot_motion(
     path = swing.between(leave, join)
     on_way = [path(np.full(len(u), at)) for at in _LIFT_AT]
     result[flying] = path(u)
-    result[flying, 2] += _lift(on_way, shape, roll.clearance) * _hump(u)
+    result[flying, 2] += _lift(on_way, shape, roll) * _hump(u)
     if other is not None:
         aside = _aside(on_way, 0.5 * (begin + end), shape, other)
         result[flying, :2] += _hump(u)[:, None] * aside
@@ -169,25 +184,69 @@ def both_feet(
     return np.stack(positions, axis=1), np.stack(quats, axis=1)
 
 
+def toe_bends(
+    steps: Sequence[Steps], psi: Array, quats: Array, roll: Roll = WALKING
+) -> tuple[Array, ...]:
+    """Return how far toes bend up (n,) [rad], one a foot: flat on the ground as the heel rises.
+
+    Args:
+      steps: the stances of each foot.
+      psi: (n,) phases.
+      quats: (n, 2, 4) how the feet are turned.
+      roll: how they roll.
+    """
+    bends = []
+    for stances, quat in zip(steps, np.moveaxis(quats, 1, 0), strict=True):
+        pitch = np.arcsin(np.clip(-rotate(quat, np.eye(3)[0])[:, 2], -1.0, 1.0))
+        index = np.clip(np.searchsorted(stances.strike, psi, side="right") - 1, 0, None)
+        leaves = stances.strike + toe_off(stances, roll)
+        flying = (psi > leaves[index]) & (index < len(stances.strike) - 1)
+        end = np.append(stances.strike[1:], np.inf)[index]
+        u = np.where(flying, (psi - leaves[index]) / np.maximum(end - leaves[index], 1e-9), 0.0)
+        bends.append(_follow(pitch) * _bent(u, roll))
+    return tuple(bends)
+
+
+def _follow(pitch: Array) -> Array:
+    """Return how far toes that lie on the ground bend up (n,) [rad] under a foot pitched so far.
+
+    In the air a foot goes on pitching, its toes hardly bend any further.
+    """
+    over = _MORE * np.tanh((pitch - PUSH) / _MORE)
+    return np.where(pitch > PUSH, PUSH + over, np.maximum(pitch, 0.0))
+
+
+def _bent(u: Array, roll: Roll) -> Array:
+    """Return the share (n,) of a foot's pitch that its toes are bent by, at shares of a swing."""
+    share = 1.0 - ease(u / _STRAIGHT)
+    if roll.strike < 0.0:  # toes that come down first are ready for it
+        share = share + ease((u - 1.0 + _READY) / _READY)
+    return np.asarray(share)
+
+
 def _hump(u: Array) -> Array:
     """Return a hump of height 1 that begins and ends without rate and rate of rate."""
     return (4.0 * u * (1.0 - u)) ** 3
 
 
-def _lift(on_way: Sequence[Array], shape: FootShape, clearance: float) -> Array:
-    """Return how much higher (n,) swings must go for heel and toe to clear the ground [m].
+def _lift(on_way: Sequence[Array], shape: FootShape, roll: Roll) -> Array:
+    """Return how much higher (n,) swings must go for heel, ball and tip to clear the ground [m].
 
     Args:
       on_way: the foot (n, 5) at each of :data:`_LIFT_AT`, in the swings of n frames; frames of one
         swing come out the same.
       shape: the foot.
-      clearance: wanted [m].
+      roll: how it rolls, and its clearance.
     """
     most = np.zeros(len(on_way[0]))
     for u, foot in zip(_LIFT_AT, on_way, strict=True):
-        for x, z in (shape.heel, shape.toe):
-            height = foot[:, 2] + z * np.cos(foot[:, 3]) - x * np.sin(foot[:, 3])
-            most = np.maximum(most, (clearance - height) / _hump(u))
+        pitch = foot[:, 3]
+        toes = pitch - _follow(pitch) * _bent(np.full(len(pitch), u), roll)
+        ball, tip = shape.toe, shape.tip - shape.toe
+        ends = [z * np.cos(pitch) - x * np.sin(pitch) for x, z in (shape.heel, ball)]
+        ends.append(ends[1] + tip[1] * np.cos(toes) - tip[0] * np.sin(toes))
+        for end in ends:
+            most = np.maximum(most, (roll.clearance - foot[:, 2] - end) / _hump(u))
     return most
 
 
@@ -206,7 +265,7 @@ def _aside(on_way: Sequence[Array], middle: Array, shape: FootShape, other: Step
     ahead = np.column_stack((np.cos(yaw), np.sin(yaw)))
     half = on_way[len(on_way) // 2][:, :2] - other.position[stand]
     side = np.sign(np.sum(half * out, axis=1))
-    heel, toe = shape.heel[0], shape.toe[0]
+    heel, toe = shape.heel[0], shape.tip[0]
     most = np.zeros(len(middle))
     for u, foot in zip(_LIFT_AT, on_way, strict=True):
         along = np.column_stack((np.cos(foot[:, 4]), np.sin(foot[:, 4])))
@@ -261,8 +320,6 @@ class Swing:
           begin: foot (n, 5), its rate and the rate's rate by u, as it leaves.
           end: the same as it lands.
         """
-        from scipy.interpolate import CubicSpline
-
         spline = CubicSpline(self.u, self.values)
         rise = end[0] - begin[0]
         share = np.minimum(np.hypot(rise[:, 0], rise[:, 1]) / self.way, 1.15)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from mjmotion.body.character import Character
 from mjmotion.body.limbs import Limb, Limbs
 from mjmotion.body.reach import drop_to_reach
 from mjmotion.exceptions import ModelError
+from mjmotion.numerics.cubic import CubicSpline
 from mjmotion.numerics.rotations import conjugate, exp, multiply
 
 Array = NDArray[np.float64]
@@ -51,12 +54,11 @@ def pelvis_height(grid: Array, room: Array, psi: Array, near: int) -> Array:
       psi: (n,) phases wanted.
       near: the pelvis keeps its height for this long about its lowest [samples of the grid].
     """
-    from scipy.interpolate import CubicSpline
     from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
     low = minimum_filter1d(room, 2 * near + 1, mode="nearest")
     smooth = gaussian_filter1d(low, near / 3.0, mode="nearest", truncate=3.0)
-    return np.asarray(CubicSpline(grid, smooth)(psi))
+    return CubicSpline(grid, smooth)(psi)
 
 
 def close_legs(legs: Limbs, qpos: Array, feet: tuple[Array, Array]) -> Array:
@@ -81,4 +83,18 @@ def close_legs(legs: Limbs, qpos: Array, feet: tuple[Array, Array]) -> Array:
             else:
                 quat = qpos[:, address : address + 4]
                 qpos[:, address : address + 4] = multiply(quat, exp(move[:, column, dofs]))
+    return qpos
+
+
+def with_toes(character: Character, qpos: Array, bends: Sequence[Array]) -> Array:
+    """Return the poses (n, nq) with the toes of both feet bent up by (n,) [rad], where they bend.
+
+    Args:
+      character: the humanoid.
+      qpos: (n, nq) poses.
+      bends: left and right.
+    """
+    for foot in character.feet:
+        if foot.side in SIDES and foot.toes is not None:
+            qpos = foot.toes.put(qpos, bends[SIDES.index(foot.side)])
     return qpos

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.exceptions import ClipError, unknown_name
+from mjmotion.numerics.cubic import CubicSpline
 from mjmotion.numerics.smoothing import ease
 
 Array = NDArray[np.float64]
@@ -68,16 +69,12 @@ class WalkPath:
     def at(self, psi: Array) -> tuple[Array, Array, Array]:
         """Return position (n, 2) [m], heading (n,) [rad] and pace (n,) at phases (n,)."""
         # The grid is fine enough for a cubic through it to be exact to a micrometre.
-        from scipy.interpolate import CubicSpline
-
         table = np.column_stack((self.position, self.heading, self.pace))
-        values = CubicSpline(self.psi, table, axis=0)(np.clip(psi, self.psi[0], self.psi[-1]))
+        values = CubicSpline(self.psi, table)(np.clip(psi, self.psi[0], self.psi[-1]))
         return values[:, :2], values[:, 2], values[:, 3]
 
     def phase(self, time: Array) -> Array:
         """Return phases (n,) at times (n,) [s]; before and after the grid the rate goes on."""
-        from scipy.interpolate import CubicSpline
-
         inside = CubicSpline(self.time, self.psi)(np.clip(time, self.time[0], self.time[-1]))
         rate = (self.psi[-1] - self.psi[-2]) / (self.time[-1] - self.time[-2])
         beyond = time - np.clip(time, self.time[0], self.time[-1])
@@ -150,9 +147,7 @@ def _check(segments: Sequence[Segment]) -> None:
 
 
 def _integral(x: Array, values: Array) -> Array:
-    from scipy.interpolate import CubicSpline
-
-    return np.asarray(CubicSpline(x, values).antiderivative()(x))
+    return CubicSpline(x, values).integral()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

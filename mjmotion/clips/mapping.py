@@ -8,11 +8,13 @@ import mujoco
 import numpy as np
 
 from mjmotion.body.character import Character, CharacterLike
+from mjmotion.body.feet import Foot
 from mjmotion.body.joint_limits import swing_twist
 from mjmotion.body.limbs import two_bone_angles
 from mjmotion.body.motion import Motion
 from mjmotion.clips.dimensions import HumanoidDimensions
-from mjmotion.clips.foot_planting import plant_feet
+from mjmotion.clips.foot_noise import steady_turns
+from mjmotion.clips.foot_planting import plant_feet, toe_bend
 from mjmotion.clips.recorded_feet import RecordedFoot
 from mjmotion.clips.rig import SIDES, Rig, find_rig
 from mjmotion.clips.skeleton import Clip
@@ -97,12 +99,16 @@ def map_clip(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Ma
     root = rot.rotate(turn, root - start)
     feet = [foot.moved(turn, start) for foot in feet]
     root, feet = plant_feet(root, body["pelvis"], feet, humanoid, clip.fps)
-    knees = {}
+    knees, planted = {}, []
     for side, foot in zip(SIDES, feet, strict=True):
         hip = root + rot.rotate(body["pelvis"], humanoid.hips[side])
         leg = _leg(hip, foot, side, humanoid, clip.fps)
-        body[f"{side}_thigh"], knees[side], body[f"{side}_foot"] = leg
+        body[f"{side}_thigh"], knees[side], tipped = leg
+        body[f"{side}_foot"] = tipped.quat
+        planted.append(tipped)
     qpos = _assemble(character.model, root, body, knees)
+    for foot, own in zip(planted, humanoid.feet, strict=True):
+        qpos = _with_toes(qpos, foot, own, humanoid, clip.fps)
     check_steady(clip, qpos)
     excess = character.limits.excess(qpos)
     clamped = int((excess > 1e-9).any(axis=1).sum())
@@ -139,8 +145,8 @@ def bend_leg(
 
 def _leg(
     hip: Array, foot: RecordedFoot, side: str, humanoid: HumanoidDimensions, fps: float
-) -> tuple[Array, Array, Array]:
-    """Return the thigh's orientations, the knee's angles and the foot's orientations of one side.
+) -> tuple[Array, Array, RecordedFoot]:
+    """Return the thigh's orientations, the knee's angles and the foot of one side.
 
     Where a deep crouch would bend the ankle beyond its limit, the heel comes up, the toe stays.
     """
@@ -156,7 +162,18 @@ def _leg(
         if excess.max() < 1e-4:
             break
         extra = extra + cover(excess, 0.2 * fps)
-    return thigh, knee, tipped.quat
+    return thigh, knee, tipped
+
+
+def _with_toes(
+    qpos: Array, planted: RecordedFoot, foot: Foot, humanoid: HumanoidDimensions, fps: float
+) -> Array:
+    """Return the poses with the toes of a foot bent, where it has such."""
+    if foot.toes is None:
+        return qpos
+    sole = humanoid.site(foot.site)
+    bend = toe_bend(planted, foot.toes, sole + foot.toe, sole + foot.front, fps)
+    return foot.toes.put(qpos, bend)
 
 
 def _trunk(source: UprightClip) -> dict[str, Array]:
@@ -266,9 +283,9 @@ def _foot(source: UprightClip, side: str) -> RecordedFoot:
     normal = _hinge_axis(thigh, shank, source.rotation(f"{side}_hip"), across)
     joint = source.rotation(f"{side}_ankle")
     role = f"{side}_toe"
-    rest_pitch = None
+    rest_pitch, toes = None, None
     if source.has(role):
-        ball = source.position(role)
+        ball, toes = source.position(role), source.rotation(role)
         line = source.rest_position(role) - source.rest_position(f"{side}_ankle")
     else:
         name = source.rig.joints[f"{side}_ankle"]
@@ -280,7 +297,12 @@ def _foot(source: UprightClip, side: str) -> RecordedFoot:
             source.rest_position(f"{side}_ankle") - source.rest_position(f"{side}_knee")
         )
         rest_pitch = float(np.arcsin(np.clip(rot.normalized(line) @ leg, -1, 1)))
-    return RecordedFoot.recorded(ankle, ball, joint, normal, rest_pitch, source.clip.fps)
+    # Ball and toes come along: they are where they are because of how the foot is turned.
+    joint, noisy = rot.to_matrix(steady_turns(rot.from_matrix(joint), source.clip.fps)), joint
+    ball = ankle + np.einsum("nij,nkj,nk->ni", joint, noisy, ball - ankle)
+    if toes is not None:
+        toes = joint @ np.swapaxes(noisy, 1, 2) @ toes
+    return RecordedFoot.recorded(ankle, ball, joint, toes, normal, rest_pitch, source.clip.fps)
 
 
 def _hip_shift(
@@ -371,8 +393,7 @@ def _assemble(
         ball(f"{side}_shoulder", "torso", f"{side}_upper_arm")
         ball(f"{side}_wrist", f"{side}_forearm", f"{side}_hand")
         put(f"{side}_knee", knees[side][:, None])
-        half = knees[side] / 2
-        bend = np.stack([np.cos(half), zero, np.sin(half), zero], axis=-1)
+        bend = np.stack([np.cos(knees[side] / 2), zero, np.sin(knees[side] / 2), zero], axis=-1)
         body = body | {f"{side}_shank": rot.multiply(body[f"{side}_thigh"], bend)}
         ball(f"{side}_hip", "pelvis", f"{side}_thigh")
         ball(f"{side}_ankle", f"{side}_shank", f"{side}_foot")

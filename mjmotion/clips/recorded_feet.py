@@ -15,6 +15,7 @@ Array = rot.Array
 STILL = 0.2  # [m/s] a point that stands is slower
 _MOVING = 0.4  # [m/s] a point that stood and is faster has left the ground
 _NEAR_FLAT = np.radians(10)  # pitch of a foot that may well be flat
+TOE_TIME = 0.04  # [s] toes are told by one marker, whose noise shakes them: averaged over this
 _LEVEL = np.radians(10)  # a still foot steeper than this stands on a rung or an edge
 
 
@@ -27,12 +28,17 @@ class RecordedFoot:
       ball: (nframe, 3) the recorded ball of the foot [m].
       quat: (nframe, 4) orientation of the foot body.
       normal: (nframe, 3) axis of the knee.
+      bend: (nframe,) how far the recorded toes are bent up from where they are as the foot stands
+        flat [rad]; 0 in a recording without toes.
+      standing: (nframe,) when the ball stands, where that is known.
     """
 
     ankle: Array
     ball: Array
     quat: Array
     normal: Array
+    bend: Array
+    standing: NDArray[np.bool_]
 
     @classmethod
     def recorded(
@@ -40,6 +46,7 @@ class RecordedFoot:
         ankle: Array,
         ball: Array,
         joint: Array,
+        toes: Array | None,
         normal: Array,
         rest_pitch: float | None,
         fps: float,
@@ -50,10 +57,13 @@ class RecordedFoot:
           ankle: (nframe, 3) ankle positions [m].
           ball: (nframe, 3) positions of the ball of the foot or the toe [m].
           joint: (nframe, 3, 3) rotations of the clip's ankle joint.
+          toes: (nframe, 3, 3) rotations of its toe joint, if it has one.
           normal: (nframe, 3) axis of the knee.
           rest_pitch: how far the line from ankle to ball points down at rest [rad], if known.
           fps: frames a second.
         """
+        from scipy.ndimage import gaussian_filter1d
+
         up = np.broadcast_to(UP, ankle.shape)
         line = ball - ankle
         pitch = np.arctan2(-line[:, 2], np.hypot(line[:, 0], line[:, 1]))
@@ -70,15 +80,25 @@ class RecordedFoot:
         tilt = rot.to_matrix(np.stack([np.cos(half), zero, np.sin(half), zero], axis=-1))
         weight = still * (np.exp(-(((pitch - flat) / _NEAR_FLAT) ** 2)) + 1e-3)
         constant = calibrate(joint, frame_of(up, rot.cross(up, line)) @ tilt, weight)
-        return cls(ankle, ball, rot.from_matrix(joint @ constant), normal)
+        foot = joint @ constant
+        bend = np.zeros(len(ankle))
+        if toes is not None:
+            # As the foot's own axes see them: both joints have one orientation at rest.
+            ahead = (np.swapaxes(foot, 1, 2) @ (toes @ constant))[..., 0]
+            bend = np.arctan2(ahead[:, 2], ahead[:, 0])
+            bend = bend - np.median(bend[near] if near.sum() >= 5 else bend[still])
+            bend = gaussian_filter1d(bend, TOE_TIME * fps, mode="nearest")
+        none = np.zeros(len(ankle), dtype=bool)
+        return cls(ankle, ball, rot.from_matrix(foot), normal, bend, none)
 
     def moved(self, turn: Array, start: Array) -> RecordedFoot:
         """Return the foot after the clip moved by ``-start`` and was turned by ``turn``."""
-        return RecordedFoot(
-            rot.rotate(turn, self.ankle - start),
-            rot.rotate(turn, self.ball - start),
-            rot.multiply(np.broadcast_to(turn, self.quat.shape), self.quat),
-            rot.rotate(turn, self.normal),
+        return dataclasses.replace(
+            self,
+            ankle=rot.rotate(turn, self.ankle - start),
+            ball=rot.rotate(turn, self.ball - start),
+            quat=rot.multiply(np.broadcast_to(turn, self.quat.shape), self.quat),
+            normal=rot.rotate(turn, self.normal),
         )
 
     def moved_by(self, shift: Array) -> RecordedFoot:

@@ -20,9 +20,16 @@ from numpy.typing import NDArray
 from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.limbs import Limbs
 from mjmotion.body.motion import Motion
-from mjmotion.clips.gait import check_humanoid
-from mjmotion.clips.gait_feet import Roll, Swing, both_feet, foot_shape, swing_shares
-from mjmotion.clips.gait_legs import SIDES, close_legs, leg_of, pelvis_height, room_to_rise
+from mjmotion.clips.gait import JOINTS, check_humanoid
+from mjmotion.clips.gait_feet import Roll, Swing, both_feet, foot_shape, swing_shares, toe_bends
+from mjmotion.clips.gait_legs import (
+    SIDES,
+    close_legs,
+    leg_of,
+    pelvis_height,
+    room_to_rise,
+    with_toes,
+)
 from mjmotion.clips.gait_plan import Segment, WalkPath, plan_path, plan_steps
 from mjmotion.clips.gait_table import GaitTable
 from mjmotion.exceptions import ClipError
@@ -48,7 +55,7 @@ HIGH = 0.15  # how high a foot is carried [m]
 _WIDTHS = (0.15, 0.13)  # of the stance, standing and sneaking [m]
 _TOE_OUT = np.deg2rad(8.0)
 _MIDDLE = 0.33  # phase at which the pelvis passes over the foot: the bent trunk is ahead of it
-_NEAR = 60  # the pelvis keeps its height for this long about its lowest [0.01 cycles]
+_NEAR = 58  # the pelvis keeps its height for this long about its lowest [0.01 cycles]
 _CARRIED = (0.06, 0.80)  # shares of a swing between which the foot goes forward
 _POINT = 0.12  # how far the toes hang in mid-swing [rad]
 _HALF = 0.29  # phase at which the left foot carries all the weight
@@ -136,14 +143,17 @@ def _poses(character: Character, path: WalkPath, psi: Array, stride: float) -> A
     table = _table()
     model = character.model
     legs = Limbs(model, [leg_of(character, side) for side in SIDES])
-    shapes = [foot_shape(model, side) for side in SIDES]
+    shapes = [foot_shape(character, side) for side in SIDES]
     steps = [plan_steps(path, side, _WIDTHS, _TOE_OUT, _MIDDLE) for side in SIDES]
-    feet = partial(both_feet, steps, shapes, _swing(stride), roll=ROLL)
+    roll = ROLL
+    feet = partial(both_feet, steps, shapes, _swing(stride), roll=roll)
     grid = path.psi[::2]
     room = room_to_rise(legs, _body(model, table, path, grid), feet(grid), KNEE)
     qpos = _body(model, table, path, psi)
     qpos[:, 2] += pelvis_height(grid, room, psi, _NEAR)
-    return close_legs(legs, qpos, feet(psi))
+    placed = feet(psi)
+    qpos = close_legs(legs, qpos, placed)
+    return with_toes(character, qpos, toe_bends(steps, psi, placed[1], roll))
 
 
 def _body(model: mujoco.MjModel, table: GaitTable, path: WalkPath, psi: Array) -> Array:
@@ -156,9 +166,8 @@ def _body(model: mujoco.MjModel, table: GaitTable, path: WalkPath, psi: Array) -
     qpos[:, 2] = up
     turn = table.mean("root_rotation") + table.swing("root_rotation", psi)
     qpos[:, 3:7] = multiply(yaw_quat(heading), exp(turn))
-    for number in range(1, model.njnt):
-        name = model.joint(number).name
-        address = int(model.jnt_qposadr[number])
+    for name in JOINTS:
+        address = int(model.joint(name).qposadr[0])
         values = table.mean(name) + table.swing(name, psi)
         if values.shape[1] == 1:
             qpos[:, address] = values[:, 0]

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 RISE_TIME = 0.25  # over how long the root rises or sinks for a limb to reach at last [s]
 LIMIT_SLACK = 1e-5  # how far a closed limb may be out of its range before the root gives [rad]
+HOPELESS = 0.35  # what is further out would take the body off its feet: the root leaves it [rad]
 EASE_TURN = 10.0  # rigidity of the root against turning where it gives, against moving [1/rad²]
 _EASES = 4
 _PASSES = 2  # times that Eq. 2 is applied at a level's knots
@@ -56,23 +57,31 @@ class ExactPass:
         frames than those, so that nothing jerks.
         """
         fitted = qpos
-        solution: Solution | None
         solution = self.problem.enforce(qpos[self.targets.frames])
         error = float(solution.error.max(initial=0.0))
-        if solution.rise is not None and solution.rise.any():
-            qpos = qpos.copy()
-            qpos[:, 2] += self._spread(solution.rise)
-            solution = None
-        closed, beyond = self._closed(qpos, solution)
-        before, turn = math.inf, 0
+        qpos, known = self._within_reach(qpos, solution)
+        closed, beyond = self._closed(qpos, known)
+        before, turn, frames = math.inf, 0, self.targets.frames
         # What no smooth move of the root mends stays within limits, and is reported.
+        beyond = np.where(beyond < HOPELESS, beyond, 0.0)
         while beyond.max() > LIMIT_SLACK and turn < _EASES and beyond.max() <= _BETTER * before:
             before, turn = float(beyond.max()), turn + 1
             qpos = self._ease(qpos, np.flatnonzero(beyond > LIMIT_SLACK))
-            closed, beyond = self._closed(qpos)
+            # A root that gave for a joint may have left a leg behind.
+            qpos, known = self._within_reach(qpos, self.problem.enforce(qpos[frames]))
+            closed, beyond = self._closed(qpos, known)
+            beyond = np.where(beyond < HOPELESS, beyond, 0.0)
         if qpos is not fitted and (followed := self._follow(qpos)) is not qpos:
             closed, _ = self._closed(followed)
         return closed, error
+
+    def _within_reach(self, qpos: Array, solution: Solution) -> tuple[Array, Solution | None]:
+        """Let the root rise or sink for limbs that do not reach; None where it did."""
+        if solution.rise is None or not solution.rise.any():
+            return qpos, solution
+        moved = qpos.copy()
+        moved[:, 2] += self._spread(solution.rise)
+        return moved, None
 
     def _closed(self, qpos: Array, solution: Solution | None = None) -> tuple[Array, Array]:
         """Return poses that meet the targets, within limits, and how far they were out (n,)."""

@@ -81,14 +81,15 @@ class Stopwatch:
           nscalar: number of scalar constraints.
         """
         errors = [error for _, _, error in self._levels]
-        rows = zip(self._levels, [*errors[1:], last_error], strict=True)
+        errors.append(last_error)
+        rows = zip(self._levels, errors[1:], strict=True)
         return Trace(
             tuple(
                 LevelTrace(number, frames_per_knot, seconds, self._percent * error)
                 for number, ((frames_per_knot, seconds, _), error) in enumerate(rows, start=1)
             ),
             time.perf_counter() - self._began,
-            self._percent * (errors[0] if errors else 0.0),
+            self._percent * errors[0],
             self._percent * left,
             nscalar,
             self._guessed,

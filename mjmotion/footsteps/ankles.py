@@ -21,7 +21,7 @@ from mjmotion.body.limbs import Limbs
 from mjmotion.body.motion import Motion
 from mjmotion.footsteps.contacts import Contact, contact_mask
 from mjmotion.footsteps.footholds import Foothold, Stance
-from mjmotion.footsteps.paths import FootPath
+from mjmotion.footsteps.paths import FootPath, turned_about_toes
 from mjmotion.footsteps.swings import frames_to
 from mjmotion.numerics.rotations import conjugate, exp, multiply, rotate
 from mjmotion.numerics.smoothing import cover, ease, envelope
@@ -39,6 +39,7 @@ _FREE = 3.0  # times GIVE_TIME after which a foot that left the ground turns as 
 HEEL_PULL = 20.0  # acceleration with which a heel leaves the ground [m/s²]
 _EDGE = 0.002  # of its range that an ankle is never planned to be at [rad]
 SLACK = 0.025  # what an ankle may use of the margin before anything gives [rad]
+_GIVES = 5e-4  # a foot that is turned back by less has no more to give [rad]
 _LIFTED = 2e-4  # a heel this far off its foothold no longer stands [m]
 
 
@@ -113,7 +114,7 @@ def turned_footholds(
             turn = float(np.clip(turn + np.copysign(_SPARE, turn), -MOST_TURN, MOST_TURN))
             old = footholds[number]
             quat = multiply(old.quat, exp(np.array((0.0, 0.0, turn))))
-            middle = 0.5 * (foot.heel + foot.toe)
+            middle = 0.5 * (foot.heel + foot.front)
             position = old.position + rotate(old.quat, middle) - rotate(quat, middle)
             turned[number] = dataclasses.replace(old, position=position, quat=quat)
     return tuple(turned)
@@ -222,8 +223,42 @@ def _turn_back(
     back = multiply(multiply(conjugate(to_site), back), to_site)
     quat = multiply(path.quat, back)
     # Always about the toe: the heel goes up, and nothing goes down.
-    position = path.position + rotate(path.quat, foot.toe) - rotate(quat, foot.toe)
-    return dataclasses.replace(path, position=position, quat=quat)
+    turned = turned_about_toes(path, foot, quat)
+    gives = np.abs(multiply(conjugate(path.quat), turned.quat)[:, 1:]).max() > _GIVES
+    return turned if gives else None
+
+
+def trim_toe_contacts(
+    contacts: Sequence[Contact],
+    feet: Sequence[Foot],
+    paths: Sequence[FootPath],
+    spots: tuple[Sequence[Stance], Sequence[Foothold]],
+    shortest: float,
+) -> tuple[Contact, ...]:
+    """Cut contacts of toes to the stretches in which the ball is down: a foot may roll on its tip.
+
+    Args:
+      contacts: all contacts.
+      feet: all feet, as the stances number them.
+      paths: where some or all of them go.
+      spots: all stances, and one foothold each.
+      shortest: a stretch shorter than this no longer counts as a contact [frames].
+    """
+    left = list(contacts)
+    index = {foot.site: number for number, foot in enumerate(feet)}
+    for path in paths:
+        foot = feet[index[path.site]]
+        if foot.toes is None:
+            continue
+        ball = path.position + rotate(path.quat, foot.toe)
+        lifted = np.zeros(len(ball), dtype=bool)
+        for stance, foothold in zip(*spots, strict=True):
+            if stance.foot == index[path.site]:
+                span = slice(*stance.toe)
+                place = foothold.position + rotate(foothold.quat, foot.toe)
+                lifted[span] = np.linalg.norm(ball[span] - place, axis=1) > _LIFTED
+        left = _cut(left, f"{foot.side}_toe", lifted, shortest)
+    return tuple(left)
 
 
 def _stays_down(
@@ -260,9 +295,16 @@ def trim_heel_contacts(
     before = flat.position + rotate(flat.quat, foot.heel)
     after = path.position + rotate(path.quat, foot.heel)
     lifted = np.linalg.norm(after - before, axis=1) > _LIFTED
+    return _cut(contacts, f"{foot.side}_heel", lifted, shortest)
+
+
+def _cut(
+    contacts: Sequence[Contact], site: str, lifted: NDArray[np.bool_], shortest: float
+) -> list[Contact]:
+    """Return the contacts, those of a site without the frames (nframe,) in which it is off."""
     kept = []
     for contact in contacts:
-        if contact.site != f"{foot.side}_heel" or not lifted[contact.start : contact.end].any():
+        if contact.site != site or not lifted[contact.start : contact.end].any():
             kept.append(contact)
             continue
         down = np.concatenate(([0], ~lifted[contact.start : contact.end], [0])).astype(np.int8)

@@ -150,9 +150,9 @@ def _unit(motion: Motion, parts: Parts, pose: Pose, side: Array) -> Array:
     unit[:, 3:6] = hips * np.einsum("nij,ni->nj", pose.xmat[:, model.jnt_bodyid[0]], side)
     for bodies, share in ((spine, 1.0 - hips), (neck, -GAZE)):
         for body in bodies:
-            _turn(unit, pose, body, side, share / len(bodies))
+            add_turn(unit, pose, body, side, share / len(bodies))
     for body in shoulders:
-        _turn(unit, pose, body, side, -HANG)
+        add_turn(unit, pose, body, side, -HANG)
     return unit
 
 
@@ -168,8 +168,16 @@ def _between(model: mujoco.MjModel, tops: Sequence[int], trunk: Sequence[int]) -
     return sorted(found & set(trunk))
 
 
-def _turn(unit: Array, pose: Pose, body: int, side: Array, share: float) -> None:
-    """Write into ``unit`` what turns a body about ``side`` by a share of the bow."""
+def add_turn(unit: Array, pose: Pose, body: int, side: Array, share: float) -> None:
+    """Write into a displacement what turns a body about an axis, where its joints can.
+
+    Args:
+      unit: (nframe, nv) the displacement, filled in place.
+      pose: every frame.
+      body: the body; hinges across the axis stay.
+      side: (nframe, 3) the axis, in the world.
+      share: by how much [rad].
+    """
     model = pose.model
     local = np.einsum("nij,ni->nj", pose.xmat[:, body], side)
     for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):

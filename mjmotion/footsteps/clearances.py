@@ -6,6 +6,7 @@ motion = pushed_clear(motion, constraints, keep, levels)
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -66,6 +67,17 @@ class Clearances:
         return _together([part(qpos, frames) for part in self.parts])
 
 
+class _Found:
+    """What has been found of the poses that a solver of one iteration asks about."""
+
+    def __init__(self, found: Inequalities) -> None:
+        self._found = found
+
+    def __call__(self, qpos: Array, frames: Index) -> Inequalities:
+        """Return it, whatever the poses."""
+        return self._found
+
+
 def _together(found: Sequence[Inequalities]) -> Inequalities:
     return Inequalities(
         np.concatenate([one.frame for one in found]),
@@ -102,16 +114,19 @@ def pushed_clear(
     look = frames  # what has not moved lacks what it lacked
     for frames_per_knot in levels:
         for _ in range(rounds):
-            near = look[np.unique(clearance(qpos[look], look).frame)]
+            found = clearance(qpos[look], look)
+            lacking, frame = np.unique(found.frame, return_inverse=True)
+            near = look[lacking]
             if len(near) == 0:
                 return motion.replace(qpos)
+            found = dataclasses.replace(found, frame=frame.ravel())  # of those that are near
 
             def spline(
                 solution: Solution, at: Index = near, knots: float = frames_per_knot
             ) -> Array:
                 return fit_level(at, solution.displacement, motion.nframe, knots)
 
-            problem = solver.prepare(targets.at(near), clearance)
+            problem = solver.prepare(targets.at(near), _Found(found))
             before = qpos
             qpos = run_level(motion.character, qpos, near, problem.solve, spline).qpos
             look = np.flatnonzero((qpos != before).any(axis=1))

@@ -34,6 +34,10 @@ CROWD_COST = 0.06  # way that half of that space is worth [m]
 FEET_APART = 0.02  # how far beside the other foot a foot is set down, where the source does [m]
 CROSSING = 0.06  # how much further across it may be, behind or before the other [m]
 STEP = 0.02  # a rise there that counts as a step [m]
+TOES_UP, TOES_DOWN = 0.3, 0.15  # how far toes follow ground ahead of the ball [rad]
+TOE_SHARES = (0.4, 0.7, 1.0)  # of the way from the ball to the toes' outline that are looked at
+TOE_LEVER = 0.03  # least lever that this is reckoned with [m]
+LEVEL = 1e-3  # a slope that is none [rad]
 _RINGS, _RAYS = 17, 16
 _ANKLE = 0.10  # height over the sole at which walls are felt for [m]
 
@@ -69,12 +73,21 @@ class Stance:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Foothold:
-    """Where a stance is to stand: posed site (3,) [m], orientation (4,) wxyz and normal (3,)."""
+    """Where a stance is to stand.
+
+    Attributes:
+      position: (3,) of the posed site [m].
+      quat: (4,) its orientation, wxyz.
+      normal: (3,) of the plane that the sole is in.
+      moved: how far it is from where the source stands, over the plane [m].
+      toes: how far the toes are bent up to lie on the ground ahead of the ball [rad].
+    """
 
     position: Array
     quat: Array
     normal: Array
     moved: float
+    toes: float = 0.0
 
 
 def find_stances(
@@ -187,6 +200,7 @@ def find_footholds(
                 place.quat[0],
                 place.normal[0],
                 float(np.hypot(*(place.position[0, :2] - stance.source_pos[:2]))),
+                toes_on_ground(foot, ground, place.position[0], place.quat[0]),
             )
         )
         height = float(place.position[0, 2])
@@ -263,6 +277,30 @@ class _Beside:
         return self.least - np.where(clear, CROSSING, 0.0) - apart
 
 
+def toes_on_ground(foot: Foot, ground: Ground, position: Array, quat: Array) -> float:
+    """Return how far toes bend up [rad] to lie on the ground ahead of a ball that stands.
+
+    Args:
+      foot: the foot.
+      ground: the scene's surfaces.
+      position: (3,) where its posed site stands [m].
+      quat: (4,) how it is turned.
+    """
+    if foot.toes is None:
+        return 0.0
+    anchor, outline = foot.toes.anchor, foot.sole[foot.bends[: len(foot.sole)]]
+    ahead = foot.front - foot.toe
+    ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
+    away = ((outline - anchor) @ ahead)[:, None] * ahead
+    local = np.concatenate([outline - (1.0 - share) * away for share in TOE_SHARES])
+    points = position + rotate(quat, local)
+    height, _ = ground.under(points)
+    up = np.where(np.isnan(height), -np.inf, height - points[:, 2])
+    lever = np.maximum((local - anchor) @ ahead, TOE_LEVER)
+    slope = float(np.arctan2(up, lever).max())
+    return float(np.clip(slope, -TOES_DOWN, TOES_UP)) if abs(slope) > LEVEL else 0.0
+
+
 def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
     """Set a foot down at spots (n, 3): tilt it through the ground under heel, toe and sides."""
     margin = 1.0 + EDGE_MARGIN / np.maximum(np.linalg.norm(foot.sole[2:, :2], axis=1), 0.03)
@@ -271,7 +309,7 @@ def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
     near = [
         place
         for part in (0.5, 1.0)
-        for place in (foot.heel - part * ahead, foot.toe + part * ahead)
+        for place in (foot.heel - part * ahead, foot.front + part * ahead)
     ]
     ends = (foot.heel, foot.toe, *near)
     offset = rotate(yaw, np.concatenate((ends, probe)))
@@ -309,7 +347,7 @@ def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
 def _walled(foot: Foot, ground: Ground, placed: _Placed, index: int) -> bool:
     """Whether anything stands in the foot: rays at ankle height from its middle to its outline."""
     normal, quat = placed.normal[index], placed.quat[index]
-    centre = placed.position[index] + rotate(quat, 0.5 * (foot.heel + foot.toe)) + _ANKLE * normal
+    centre = placed.position[index] + rotate(quat, 0.5 * (foot.heel + foot.front)) + _ANKLE * normal
     sole = placed.position[index] + rotate(quat, foot.sole) + _ANKLE * normal
     way = sole - centre
     way = way[np.linalg.norm(way, axis=1) > 1e-6]  # a point in the very middle has none

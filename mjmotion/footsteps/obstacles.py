@@ -5,8 +5,8 @@ become inequalities for the IK solvers, ``normalᵀ J d ≥ margin − distance`
 
 A lintel can be left upwards, downwards, forwards or backwards. Forwards is the shortest and the
 wrong way for someone who walks on: an obstacle that cannot be stepped over is therefore drawn out
-along the way the body passes it, and one that hangs overhead upwards too. The ways left are under
-it or beside it, and the body begins to duck a little before and straightens a little after.
+along the way where the body passes it, and one that hangs overhead upwards too. The ways left are
+under it or beside it, and the body begins to duck a little before and straightens a little after.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ ON_TOP = 0.02  # a foothold this close to an obstacle's box stands on it [m]
 OVERHEAD = 0.8  # an obstacle whose bottom is higher is passed under, never over [m]
 LONG = 2.0  # how far a tall obstacle is drawn out, so that its ends are out of the way [m]
 RAISED = 1.0  # how much higher such an obstacle is taken to be [m]
+_ABREAST = 0.5**0.5  # cosine to the way of what is beside it, where it is nearest
 _NEAR = 1.3  # an obstacle this far from the root's path is out of reach [m]
 _CONVEX = (
     mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -54,7 +55,8 @@ class Obstacle:
     Attributes:
       name: of the geom it comes from.
       points: its surface.
-      drawn: the same, drawn out far along ``along`` and upwards where it is tall, else equal.
+      drawn: the same, where it is tall drawn out upwards, and far along ``along`` if it is passed;
+        else equal.
       along: (3,) the way the body passes it; zero where it is not tall.
       span: from where to where along ``along`` the drawn shape counts [m].
     """
@@ -131,7 +133,12 @@ def find_obstacles(
             direction = heading / max(float(np.linalg.norm(heading)), 1e-9)
             along = surface @ direction
             span = (float(along.min()) - DRAWN, float(along.max()) + DRAWN)
-            drawn = np.concatenate((surface - LONG * direction, surface + LONG * direction))
+            # What is ahead of where a walk ends, or behind where it begins, is not passed: drawn
+            # out it would be where the body is.
+            towards = np.clip(root_path[nearest], low, high)[:2] - root_path[nearest, :2]
+            passed = abs(towards @ direction[:2]) <= _ABREAST * distance[nearest]
+            out = LONG * passed * direction
+            drawn = np.concatenate((surface - out, surface + out))
             if low[2] - ground > OVERHEAD:
                 drawn = np.concatenate((drawn, drawn + (0.0, 0.0, RAISED)))
         name = scene.geom(int(geom)).name or f"geom {geom}"
@@ -191,7 +198,7 @@ class ObstacleClearance:
         self._data = mujoco.MjData(self.model)
         mujoco.mj_kinematics(self.model, self._data)
         self._kinematics = Kinematics(self.model, nframe, geoms=True)
-        foot_bodies = {foot.body for foot in character.feet}
+        foot_bodies = {body for foot in character.feet for body in foot.bodies}
         self._mine = character_geoms(self.model)
         self._geoms = np.array(
             [
@@ -291,13 +298,14 @@ class ObstacleClearance:
         self, geom_xpos: Array
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Frame, geom and obstacle number of pairs whose bounding shapes come within the margin."""
+        walls = np.flatnonzero(self._counts)
         centre = geom_xpos[:, self._geoms, None]
-        gap = np.maximum(0.0, np.maximum(self._low - centre, centre - self._high))
-        bound = self.model.geom_rbound[self._geoms][None, :, None] + self._margins
+        gap = np.maximum(0.0, np.maximum(self._low[walls] - centre, centre - self._high[walls]))
+        bound = self.model.geom_rbound[self._geoms][None, :, None] + self._margins[walls]
         frame, geom, wall = np.nonzero(np.einsum("fgoi,fgoi->fgo", gap, gap) < bound * bound)
+        wall = walls[wall]
         passed = np.einsum("mi,mi->m", geom_xpos[frame, self._geoms[geom]], self._along[wall])
         level = (passed > self._span[wall, 0]) & (passed < self._span[wall, 1])
-        level &= self._counts[wall]
         return frame[level], self._geoms[geom[level]], wall[level]
 
     def _distances(
@@ -314,13 +322,14 @@ class ObstacleClearance:
         data, model, mine, limit = self._data, self.model, self._mine, self.margin + 0.01
         last = -1
         # MuJoCo measures one pair a call; the pairs left here are few.
-        for number in range(len(frame)):
-            if frame[number] != last:
-                last = frame[number]
-                data.geom_xpos[mine] = pose.geom_xpos[last, mine]
-                data.geom_xmat[mine] = pose.geom_xmat[last, mine].reshape(-1, 9)
+        pairs = zip(frame.tolist(), geom.tolist(), wall.tolist(), strict=True)
+        for number, (row, body_geom, wall_geom) in enumerate(pairs):
+            if row != last:
+                last = row
+                data.geom_xpos[mine] = pose.geom_xpos[row, mine]
+                data.geom_xmat[mine] = pose.geom_xmat[row, mine].reshape(-1, 9)
             distance[number] = mujoco.mj_geomDistance(
-                model, data, int(geom[number]), int(wall[number]), limit, ends[number]
+                model, data, body_geom, wall_geom, limit, ends[number]
             )
         return distance, ends.reshape(-1, 2, 3)
 

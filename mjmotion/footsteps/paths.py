@@ -17,9 +17,18 @@ from numpy.typing import NDArray
 
 from mjmotion.body.feet import Foot
 from mjmotion.body.kinematics import Pose, site_id
+from mjmotion.body.motion import Motion
 from mjmotion.constraints.shared_targets import SharedMove
 from mjmotion.footsteps.footholds import Foothold, Stance, carried
+from mjmotion.footsteps.holds import Holds, rolled_less
 from mjmotion.footsteps.swings import DIP, FADE_FRAMES, StepOver, wanted_clearance
+from mjmotion.footsteps.toes import (
+    kept_up,
+    lying_flat,
+    pitch_between,
+    rolled_no_further,
+    room_under_ball,
+)
 from mjmotion.numerics.rotations import (
     conjugate,
     continuous,
@@ -39,6 +48,7 @@ Array = NDArray[np.float64]
 FADE_TIME = 0.03  # what a contact took away dies out as exp(-t / this) [s]
 SHORT_LEVER = 0.06  # least lever that a tip about a contact is reckoned with [m]
 FREE_RIGIDITY = 100.0  # α of a free foothold: 10 cm cost what 1 rad of a joint does [1/m²]
+SAME_BEND = 1e-9  # toes that are bent by no more than this otherwise are left as they are [rad]
 _INSIST = 60.0  # how much what a contact allows counts against smoothness
 
 
@@ -53,6 +63,10 @@ class FootPath:
       shift: (nframe, 3) how far its contacts are shifted, blended through the swings [m].
       stance: (nframe,) when any contact holds.
       lift: (nframe,) how much it was lifted to clear the ground [m].
+      toes: (nframe,) how far its toes would bend up, were there no end to their range [rad]; 0
+        where they do not bend.
+      room: (nframe,) how far the ends of its ball may still go down; None where no ground is known
+        [m].
     """
 
     site: str
@@ -61,6 +75,8 @@ class FootPath:
     shift: Array
     stance: NDArray[np.bool_]
     lift: Array
+    toes: Array
+    room: Array | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -106,46 +122,65 @@ def foot_path(
     if not mine:
         zero = np.zeros((nframe, 3))
         free = np.zeros(nframe, dtype=bool)
-        return FootPath(foot.site, source_pos, source_quat, zero, free, np.zeros(nframe))
-    holds = _Holds(foot, mine, nframe)
+        toes = foot.bend(pose) if foot.toes is None else foot.toes.wanted(foot.bend(pose))
+        return FootPath(foot.site, source_pos, source_quat, zero, free, np.zeros(nframe), toes)
+    holds = Holds(foot, mine, nframe)
     shift, turn = _carry(mine, nframe)
     base = multiply(turn, source_quat)
     fading = max(FADE_TIME * fps, FADE_FRAMES)
-    quat, position = _turned(foot, holds, base, fading), source_pos + shift
+    quat, position = _turned(holds, base, fading), source_pos + shift
     if detour is not None:
         quat = multiply(quat, exp(detour.tip[:, None] * np.array((0.0, 1.0, 0.0))))
         position = position + detour.aside
+    quat = rolled_less(holds, quat, ground, fading)
     held = holds.site_position(quat)
     position = position + fade(holds.any, held - position, fading)
     position[holds.any] = held[holds.any]
-    wanted = wanted_clearance(foot, source_pos, source_quat, mine, nframe)
-    step_over = StepOver(foot, quat, wanted, holds.any, ground, fps)
+    bend = foot.bend(pose)
+    wanted = wanted_clearance(foot.sole_at(bend), source_pos, source_quat, mine, nframe)
+    toes = lying_flat(foot, holds.bend(quat), holds.toe, bend, fps)
+    bend = toes if foot.toes is None else foot.toes.settled(toes)
+    step_over = StepOver(foot.shape_at(bend), quat, wanted, holds.any, ground, fps)
     position, lift = step_over(position, mine)
-    return FootPath(foot.site, position, quat, shift, holds.any, lift)
+    toes = kept_up(foot, position, quat, toes, holds.toe, ground, fps)
+    room = room_under_ball(foot, position, quat, holds.any, ground)
+    return FootPath(foot.site, position, quat, shift, holds.any, lift, toes, room)
 
 
-class _Holds:
-    """What a foot's contacts hold at each frame."""
+def turned_about_toes(path: FootPath, foot: Foot, quat: Array) -> FootPath:
+    """Return a path turned to ``quat`` (nframe, 4) about its toe site, its toes kept as they lie.
 
-    def __init__(self, foot: Foot, mine: Sequence[tuple[Stance, Foothold]], nframe: int) -> None:
-        self.foot = foot
-        self.heel = np.zeros(nframe, dtype=bool)
-        self.toe = np.zeros(nframe, dtype=bool)
-        self.position = np.zeros((nframe, 3))
-        self.quat = np.tile((1.0, 0.0, 0.0, 0.0), (nframe, 1))
-        for stance, foothold in mine:
-            span = slice(stance.start, stance.end)
-            self.position[span], self.quat[span] = foothold.position, foothold.quat
-            self.heel[slice(*stance.heel)] = True
-            self.toe[slice(*stance.toe)] = True
-        self.any = self.heel | self.toe
-        self.flat = self.heel & self.toe
+    Where they do not bend as far, it goes on over their tip. It rolls only as far as both ends of
+    its ball stay out of the ground.
+    """
+    if foot.toes is not None and path.room is not None:
+        quat, room = rolled_no_further(foot, (path.quat, quat), path.toes, path.stance, path.room)
+        path = dataclasses.replace(path, room=room)
+    position = path.position + rotate(path.quat, foot.toe) - rotate(quat, foot.toe)
+    if foot.toes is None:
+        return dataclasses.replace(path, position=position, quat=quat)
+    toes = path.toes + pitch_between(path.quat, quat)
+    # What the toes give less than asked, before and after, is rolled over their tip.
+    lacks = [bend - foot.toes.settled(bend) for bend in (path.toes, toes)]
+    tip = foot.front[None]
+    wanted, given = (
+        foot.toes.turned(tip, bend)[:, 0] for bend in (toes - lacks[0], toes - lacks[1])
+    )
+    position = position + rotate(quat, wanted - given)
+    return dataclasses.replace(path, position=position, quat=quat, toes=toes)
 
-    def site_position(self, quat: Array) -> Array:
-        """Where the posed site is when the contact that holds stays and the foot is turned."""
-        local = np.where(self.heel[:, None], self.foot.heel, self.foot.toe)
-        point = self.position + rotate(self.quat, local)
-        return np.where(self.flat[:, None], self.position, point - rotate(quat, local))
+
+def with_toes(motion: Motion, paths: Sequence[FootPath]) -> Motion:
+    """Return the motion with the toes of its feet as planned; all else stays as it is."""
+    qpos = motion.qpos
+    planned = {path.site: path.toes for path in paths}
+    for foot in motion.character.feet if planned else ():
+        if foot.toes is not None and foot.site in planned:
+            bent = foot.toes.put(qpos, foot.toes.settled(planned[foot.site]))
+            # Frames in which nothing is asked of the toes stay bit for bit.
+            same = np.abs(bent - qpos).max(axis=1) < SAME_BEND
+            qpos = np.where(same[:, None], qpos, bent)
+    return motion if qpos is motion.qpos else motion.replace(qpos)
 
 
 def free_footholds(
@@ -209,7 +244,7 @@ def _carry(mine: Sequence[tuple[Stance, Foothold]], nframe: int) -> tuple[Array,
     return shift, turn
 
 
-def _turned(foot: Foot, holds: _Holds, base: Array, time: float) -> Array:
+def _turned(holds: Holds, base: Array, time: float) -> Array:
     """Orientation: the foothold's while flat, the carried source's else, smooth where they meet.
 
     On one contact the foot keeps the source's yaw, and its pitch unless that is downwards. Its
@@ -224,7 +259,7 @@ def _turned(foot: Foot, holds: _Holds, base: Array, time: float) -> Array:
     zero = np.zeros_like(yaw)
     pitched = multiply(yaw_quat(yaw), exp(np.stack((zero, pitch, zero), axis=-1)))
     # Heights over the surface are all but linear in the roll: keep as much as digs in by DIP.
-    arm = foot.sole - np.where(holds.heel[:, None], foot.heel, foot.toe)[:, None]
+    arm = holds.arms()
     rolled = multiply(pitched, exp(np.stack((roll, zero, zero), axis=-1)))
     level, rolls = (rotate(turn[:, None], arm)[..., 2] for turn in (pitched, rolled))
     share = np.where(rolls < level, (level + DIP) / np.maximum(level - rolls, 1e-9), 1.0)
@@ -234,32 +269,47 @@ def _turned(foot: Foot, holds: _Holds, base: Array, time: float) -> Array:
     # First towards what a contact allows, smoothly; then flat, faded into all that is not flat.
     correction = log(multiply(conjugate(base), allowed))
     quat = multiply(base, exp(blend(np.where(holds.any, _INSIST, 0.0), correction, time)))
-    quat = _tipped_up(foot, holds, quat, time)
+    quat = _tipped_up(holds, quat, time)
     quat = multiply(quat, exp(fade(holds.flat, log(multiply(conjugate(quat), holds.quat)), time)))
     quat[holds.flat] = holds.quat[holds.flat]
-    return normalized(_kept_out(foot, holds, quat, time))
+    return normalized(_kept_out(holds, quat, time))
 
 
-def _kept_out(foot: Foot, holds: _Holds, quat: Array, time: float) -> Array:
+def _kept_out(holds: Holds, quat: Array, time: float) -> Array:
     """Tip a foot up about the contact that holds, where its sole would still be under the surface.
 
     The last word on how a foot is turned: what was faded in after the first tip may dig in again.
     A tip is nothing while the foot is flat, and goes on smoothly into the swing.
     """
-    need = _tip_to_clear(foot, holds, quat)
+    need = _tip_to_clear(holds, quat)
     tip = np.zeros(len(quat))
     for sign, contact in ((-1.0, holds.heel), (1.0, holds.toe)):
         mine = np.where(contact & ~holds.flat, need, 0.0)
         if mine.max(initial=0.0) > 0.0:
             tip += sign * envelope(mine, holds.flat, time)
     zero = np.zeros_like(tip)
-    return multiply(quat, exp(np.stack((zero, tip, zero), axis=-1)))
+    quat = multiply(quat, exp(np.stack((zero, tip, zero), axis=-1)))
+    return quat if holds.foot.toes is None else _levelled(holds, quat, time)
 
 
-def _tip_to_clear(foot: Foot, holds: _Holds, quat: Array) -> Array:
+def _levelled(holds: Holds, quat: Array, time: float) -> Array:
+    """Roll a foot whose ball stands, where one end of that would still be under the surface."""
+    foot, rolls = holds.foot, holds.toe & ~holds.heel
+    roll = np.zeros(len(quat))
+    for end in foot.sole[-2:] - foot.toe:  # the ends of the hinge
+        height = rotate(multiply(conjugate(holds.quat), quat), end[None])[:, 2]
+        deep = np.arcsin(np.clip((-height - DIP) / float(np.linalg.norm(end)), -1.0, 1.0))
+        mine = np.where(rolls, deep, 0.0)
+        if mine.max(initial=0.0) > 0.0:
+            roll += np.sign(end[1]) * envelope(mine, holds.flat, time)
+    zero = np.zeros_like(roll)
+    return multiply(quat, exp(np.stack((roll, zero, zero), axis=-1)))
+
+
+def _tip_to_clear(holds: Holds, quat: Array) -> Array:
     """How far a foot on one contact must tip about it for its sole to be clear (nframe,) [rad]."""
     single = holds.any & ~holds.flat
-    arm = foot.sole - np.where(holds.heel[:, None], foot.heel, foot.toe)[:, None]
+    arm = holds.arms()
     height = rotate(multiply(conjugate(holds.quat), quat)[:, None], arm)[..., 2]
     lowest = height.argmin(axis=1)
     index = np.arange(len(quat))
@@ -267,9 +317,9 @@ def _tip_to_clear(foot: Foot, holds: _Holds, quat: Array) -> Array:
     return np.where(single, (-height[index, lowest] - DIP) / lever, 0.0)
 
 
-def _tipped_up(foot: Foot, holds: _Holds, quat: Array, time: float) -> Array:
+def _tipped_up(holds: Holds, quat: Array, time: float) -> Array:
     """Tip a foot on one contact up about it where smoothness still lets its other end dig in."""
-    single, need = holds.any & ~holds.flat, _tip_to_clear(foot, holds, quat)
+    single, need = holds.any & ~holds.flat, _tip_to_clear(holds, quat)
     if need.max() <= 0.0:
         return quat
     tip = cover(need, time) * np.where(holds.heel, -1.0, 1.0)

@@ -48,10 +48,12 @@ KNEE = 60.0  # price of a hip that is lower than that
 KNEE_MORE = 0.07  # how much more than in the source a knee is bent on the level [rad]
 LEVEL_TIME = 0.2  # for how long to either side ground is to be level for that [s]
 LEVEL = 0.01  # ground whose heights differ by less than that is level [m]
-MOST_TIP = 0.3  # how much further than in the source a foot may roll on its toe [rad]
+# How much further than in the source a foot may roll on its toe, a rigid one and one whose toes
+# bend: over its ball it rises less for the same turn [rad].
+MOST_TIP = (0.3, 0.5)
 NEAR_TIME = 0.06  # scale in which a swinging foot is lifted nearer to the hip [s]
 _ROLLS = 2  # times that the roll of a shank is found
-STEEPEST_TOE = 1.1  # how steep a foot may stand on its toe for that [rad]
+STEEPEST_TOE = (1.1, 1.3)  # how steep either may stand on its toe for that [rad]
 TIP_PULL = 60.0  # angular acceleration with which it can begin to [rad/s²]
 TIP_TIME = 0.08  # scale of the rise and fall of that [s]
 
@@ -336,12 +338,12 @@ class _Leg:
         angle = np.arccos(np.clip((hip * arm).sum(axis=1) / lengths, -1.0, 1.0))
         square = far**2 + lever**2 - self.most**2
         near = np.arccos(np.clip(0.5 * square / lengths, -1.0, 1.0))
-        rolls = self.stance & ~self.heel
+        rolls, bends = self.stance & ~self.heel, int(self.foot.toes is not None)
         # A foot cannot be on its toe at once: how long its heel may have risen bounds a tip.
         apart = frames_to(self.heel) / self.source.fps
-        most = np.minimum(0.5 * TIP_PULL * apart**2, MOST_TIP)
+        most = np.minimum(0.5 * TIP_PULL * apart**2, MOST_TIP[bends])
         pitch = np.arcsin(np.clip(-rotate(path.quat, np.eye(3)[0])[:, 2], -1.0, 1.0))
-        most = np.minimum(most, np.maximum(STEEPEST_TOE - pitch, 0.0))
+        most = np.minimum(most, np.maximum(STEEPEST_TOE[bends] - pitch, 0.0))
         need = np.where(rolls, np.minimum(angle - near, most), 0.0)
         return envelope(need, self.heel, TIP_TIME * self.source.fps)
 

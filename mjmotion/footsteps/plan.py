@@ -18,7 +18,13 @@ from mjmotion.constraints import SiteConstraint
 from mjmotion.constraints.shared_targets import SharedMove
 from mjmotion.exceptions import ContactError
 from mjmotion.fitting import fit
-from mjmotion.footsteps.ankles import flat_landings, relax_ankles, turned_footholds
+from mjmotion.footsteps.ankles import (
+    SHORTEST,
+    flat_landings,
+    relax_ankles,
+    trim_toe_contacts,
+    turned_footholds,
+)
 from mjmotion.footsteps.apart import aside
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.footsteps.footholds import (
@@ -204,6 +210,7 @@ def _on_ground(
     if relaxed != paths:
         paths, found = relaxed, trimmed
         shift = root_shift(source, pose, paths, found)
+    found = trim_toe_contacts(found, feet, paths, (stances, footholds), SHORTEST * source.fps)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
     return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles)
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Collection
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -40,6 +39,7 @@ class SelfClearance:
       kinematics: of the same model, with geoms, for as many frames.
       bodies: those that are to keep clear of the others, and of each other; all without.
       margin: distance to keep where the source keeps more [m].
+      others: of which ``bodies`` are to keep clear, where that is not all.
     """
 
     def __init__(
@@ -48,20 +48,31 @@ class SelfClearance:
         kinematics: Kinematics,
         bodies: Collection[int] | None = None,
         margin: float = APART,
+        others: Collection[int] | None = None,
     ) -> None:
         self.model, self.margin = source.model, margin
         self._source, self._kinematics = source, kinematics
         self._data = mujoco.MjData(self.model)
         self._geoms = character_geoms(self.model, colliding=True)
-        self._pairs = self_pairs(self.model)
+        mine = np.ones(len(self._geoms), dtype=bool)
         if bodies is not None:
-            mine = np.isin(self.model.geom_bodyid[self._pairs], list(bodies))
-            self._pairs = self._pairs[mine.any(axis=1)]
+            mine = np.isin(self.model.geom_bodyid[self._geoms], list(bodies))
+        self._mine = np.flatnonzero(mine)  # one of every pair is among these
+        rest = np.ones_like(mine)
+        if others is not None:
+            rest = np.isin(self.model.geom_bodyid[self._geoms], list(others))
         size = self.model.geom_rbound[self._geoms]
-        self._between, self._number = _joints_between(self.model, self._geoms)
-        self._bound = np.full((len(size), len(size)), -1.0, np.float32)  # where there is no pair
-        first, second = np.searchsorted(self._geoms, self._pairs).T
-        self._bound[first, second] = (size[first] + size[second] + APART + _ROUNDING) ** 2
+        self._between, number = _joints_between(self.model, self._geoms)
+        self._number = number[self._mine]
+        first, second = np.searchsorted(self._geoms, self_pairs(self.model)).T
+        wanted = (mine[first] & rest[second]) | (mine[second] & rest[first])
+        first, second = first[wanted], second[wanted]
+        bound = np.full((len(size), len(size)), -1.0, np.float32)  # where there is no pair
+        bound[first, second] = (size[first] + size[second] + APART + _ROUNDING) ** 2
+        # A pair of two of them is looked at once; one of another and one of them, turned round.
+        turned = ~mine[first] & mine[second]
+        bound[second[turned], first[turned]] = bound[first[turned], second[turned]]
+        self._bound = bound[self._mine]
 
     def at_margin(self, margin: float) -> SelfClearance:
         """Return the same with another distance, up to APART, where the source keeps more [m]."""
@@ -109,15 +120,15 @@ class SelfClearance:
         square = np.einsum("fgi,fgi->fg", place, place)[..., None]
         one = np.ones_like(square)
         # |a - b|² of every two geoms, as one product.
-        ours = np.concatenate((-2.0 * place, square, one), axis=2)
+        ours = np.concatenate((-2.0 * place, square, one), axis=2)[:, self._mine]
         theirs = np.concatenate((place, one, square), axis=2)
-        moved: NDArray[Any] = np.asarray(changed.astype(np.float32) @ self._between.T)
-        counts = np.asarray(moved.any(axis=0))[self._number]
+        counts = np.asarray((self._between & changed.any(axis=0)).any(axis=1))[self._number]
         bound = np.where(counts, self._bound, -1.0).astype(np.float32)
         frame, first, second = np.nonzero(ours @ np.swapaxes(theirs, 1, 2) < bound)
-        other_than = moved[frame, self._number[first, second]] > 0.0
+        between = self._between[self._number[first, second]]
+        other_than = (changed[frame] & between).any(axis=1)
         frame, first, second = frame[other_than], first[other_than], second[other_than]
-        pair = np.column_stack((geoms[first], geoms[second]))
+        pair = np.sort(np.column_stack((geoms[self._mine[first]], geoms[second])), axis=1)
         # Boxes apart along an axis of the first, then of those that are not, of the second.
         for mine, other in ((0, 1), (1, 0)):
             near = self._along_axes(xpos, xmat, frame, pair[:, mine], pair[:, other])
@@ -193,7 +204,7 @@ def _tree_distance(model: mujoco.MjModel) -> Index:
     return np.asarray(depth[:, None] + depth[None] - 2 * shared)
 
 
-def _joints_between(model: mujoco.MjModel, geoms: Index) -> tuple[Array, Index]:
+def _joints_between(model: mujoco.MjModel, geoms: Index) -> tuple[NDArray[np.bool_], Index]:
     """Return which numbers of qpos (k, nq) are between two bodies, and k for geoms (g, g)."""
     bodies, which = np.unique(model.geom_bodyid[geoms], return_inverse=True)
     moves = np.array([body_dofs(model, int(body)) for body in bodies])
@@ -202,4 +213,4 @@ def _joints_between(model: mujoco.MjModel, geoms: Index) -> tuple[Array, Index]:
     numbers = np.repeat(joint_moves, size, axis=1)
     between = numbers[:, None] ^ numbers[None]
     number = which[:, None] * len(bodies) + which[None]
-    return between.reshape(-1, model.nq).astype(np.float32), number
+    return between.reshape(-1, model.nq), number

@@ -221,7 +221,7 @@ class SurfaceClearance:
         self.margin = margin
         self.model = model = character.model
         self.surfaces = tuple(surfaces)
-        out = {foot.body for foot in character.feet} | set(left_out)
+        out = {body for foot in character.feet for body in foot.bodies} | set(left_out)
         self._geoms = np.array(
             [g for g in character_geoms(model, colliding=True) if model.geom_bodyid[g] not in out],
             dtype=np.int64,

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.feet import Foot
 from mjmotion.footsteps.footholds import Foothold, Stance
 from mjmotion.numerics.rotations import rotate
 from mjmotion.numerics.smoothing import envelope
@@ -36,7 +35,7 @@ PULL_BACK = 0.7  # share of a swing in which a foot may be held back from a step
 
 
 def wanted_clearance(
-    foot: Foot,
+    sole: Array,
     source_pos: Array,
     source_quat: Array,
     mine: Sequence[tuple[Stance, Foothold]],
@@ -45,27 +44,43 @@ def wanted_clearance(
     """Clearance that a swing should have at each frame (nframe,) [m]: the source's, up to a bound.
 
     The source stands on level ground, at the heights that its own stances show.
+
+    Args:
+      sole: (nframe, k, 3) points of the foot's sole, in the frame of its posed site [m].
+      source_pos: (nframe, 3) that site in the source [m].
+      source_quat: (nframe, 4) how it is turned there.
+      mine: the foot's stances and footholds.
+      nframe: of the source.
     """
     frames = [0.5 * (stance.start + stance.end) for stance, _ in mine]
     level = np.interp(np.arange(nframe), frames, [stance.source_pos[2] for stance, _ in mine])
-    sole = source_pos[:, None] + rotate(source_quat[:, None], foot.sole[None])
-    over = sole[..., 2].min(axis=1) - level
+    placed = source_pos[:, None] + rotate(source_quat[:, None], sole)
+    over = placed[..., 2].min(axis=1) - level
     return np.where(over > 0.0, np.minimum(over + CLEARANCE_MORE, CLEARANCE), 0.0)
 
 
 class StepOver:
-    """Takes a foot over the ground between its stances: lifted, and held back before steps."""
+    """Takes a foot over the ground between its stances: lifted, and held back before steps.
+
+    Args:
+      shape: (nframe, k, 3) points of its surface, in the frame of its posed site [m].
+      quat: (nframe, 4) how it is turned.
+      wanted: (nframe,) clearance that it should have [m].
+      stance: (nframe,) when it stands.
+      ground: the scene's surfaces.
+      fps: frames a second.
+    """
 
     def __init__(
         self,
-        foot: Foot,
+        shape: Array,
         quat: Array,
         wanted: Array,
         stance: NDArray[np.bool_],
         ground: Ground,
         fps: float,
     ) -> None:
-        self._shape = rotate(quat[:, None], foot.shape[None])
+        self._shape = rotate(quat[:, None], shape)
         self._stance, self._ground, self._fps = stance, ground, fps
         self._swing = np.flatnonzero(~stance)
         # A foot cannot be up at once: a lift is bounded by what it could rise since its stance.

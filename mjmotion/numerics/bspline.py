@@ -180,14 +180,13 @@ def fit_between(
         )
     at = np.asarray(frames, dtype=np.float64) - start
     nframe = end - start + 1
-    fitting, there = (
-        fit_matrix(at, nframe, frames_per_knot),
-        basis_matrix(at, nframe, frames_per_knot),
+    fitting, there, everywhere = _level_matrices(
+        at.tobytes(), nframe, float(frames_per_knot), False
     )
     control = np.zeros((count + 3, data.shape[1]))
     for _ in range(passes):
         control[3:-3] += (fitting @ (data - there @ control))[3:-3]
-    return np.asarray(basis_matrix(np.arange(nframe), nframe, frames_per_knot) @ control)
+    return np.asarray(everywhere @ control)
 
 
 @lru_cache(maxsize=64)

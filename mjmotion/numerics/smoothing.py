@@ -6,12 +6,13 @@ Both are least-squares problems with a banded matrix, so their cost is linear in
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 _DIFFERENCES = (
     np.array((1.0,)),
@@ -19,6 +20,7 @@ _DIFFERENCES = (
     np.array((1.0, -2.0, 1.0)),
     np.array((-1.0, 3.0, -3.0, 1.0)),
 )
+_CIRCLES = 6  # times that paying for what is broken may break no fewer bounds
 _ROUNDS = 60
 _HALVINGS = 12
 _SETTLED = 1e-7  # a Newton step this small ends the search [m]
@@ -29,7 +31,7 @@ _ABOVE = 1e-4  # how far below a wanted height a curve may stay [m]
 
 def _energy(nframe: int, weights: tuple[float, float, float, float]) -> Array:
     """Lower band (4, nframe) of Σ_k weights[k] D_kᵀ D_k, with D_k the k-th difference."""
-    band = np.zeros((4, nframe))
+    band = np.zeros((4, nframe), order="F")  # as LAPACK takes it
     for order, weight in enumerate(weights):
         window = _DIFFERENCES[order]
         for i in range(order + 1):
@@ -38,21 +40,24 @@ def _energy(nframe: int, weights: tuple[float, float, float, float]) -> Array:
     return band
 
 
-def _solve(band: Array, right: Array, fixed: NDArray[np.bool_], values: Array) -> Array:
-    """Solve the banded system with some unknowns given."""
+def _holding(band: Array, fixed: NDArray[np.bool_]) -> Array:
+    """Return the band (4, nframe) with some unknowns' rows those of the identity."""
+    free, held = ~fixed, band.copy(order="F")
+    for offset in range(1, len(band)):
+        held[offset, :-offset] *= free[offset:] * free[:-offset]
+    held[0, fixed] = 1.0
+    return held
+
+
+def _solve(band: Array, right: Array) -> Array:
+    """Solve the banded system for right-hand sides (nframe, k) or (nframe,); both are overwritten.
+
+    Raises:
+      LinAlgError: the matrix is not positive definite.
+    """
     # LAPACK itself: the checks of solveh_banded take longer than it does.
     from scipy.linalg.lapack import dpbsv
 
-    band, right = band.copy(), right.copy()
-    free = ~fixed
-    known = np.where(fixed[:, None], values, 0.0)
-    for offset in range(1, len(band)):
-        column = band[offset, : len(fixed) - offset, None]
-        right[offset:] -= column * known[:-offset]
-        right[:-offset] -= column * known[offset:]
-        band[offset, : len(fixed) - offset] *= free[offset:] * free[:-offset]
-    band[0, fixed] = 1.0
-    right[fixed] = values[fixed]
     _, solved, info = dpbsv(band, right, lower=1, overwrite_ab=1, overwrite_b=1)
     if info != 0:
         raise np.linalg.LinAlgError("the banded matrix is not positive definite")
@@ -78,7 +83,14 @@ def fade(fixed: NDArray[np.bool_], values: Array, time: float) -> Array:
     if nframe < 5 or fixed.all() or not fixed.any():
         return np.where(fixed[:, None], values, 0.0)
     band = _energy(nframe, (1.0, 2.0 * time**2, time**4, 0.0))
-    return _solve(band, np.zeros_like(values), fixed, values)
+    known = np.where(fixed[:, None], values, 0.0)
+    right = np.zeros_like(known)
+    for offset in range(1, len(band)):
+        column = band[offset, :-offset, None]
+        right[offset:] -= column * known[:-offset]
+        right[:-offset] -= column * known[offset:]
+    right[fixed] = values[fixed]
+    return _solve(_holding(band, fixed), right)
 
 
 def blend(weight: Array, values: Array, time: float) -> Array:
@@ -99,8 +111,29 @@ def blend(weight: Array, values: Array, time: float) -> Array:
         return values * (weight / (1.0 + weight))[:, None]
     band = _energy(nframe, (1.0, 3.0 * time**2, 3.0 * time**4, time**6))
     band[0] += weight
-    free = np.zeros(nframe, dtype=bool)
-    return _solve(band, weight[:, None] * values, free, values)
+    return _solve(band, weight[:, None] * values)
+
+
+def follow(values: Array, weight: Array, time: float) -> Array:
+    """Return smooth curves that follow values as far as each of them counts.
+
+    They minimise ``τ⁶ |Δ³c|² + Σ weight |c − values|²``: of a wave of f cycles a frame, weights all
+    1, ``1 / (1 + (2 τ sin πf)⁶)`` is left, undelayed.
+
+    Args:
+      values: (nframe, k).
+      weight: (nframe,) above 0.
+      time: τ [frames].
+
+    Returns:
+      (nframe, k).
+    """
+    nframe = len(values)
+    if nframe < 5:
+        return np.array(values)
+    band = _energy(nframe, (0.0, 0.0, 0.0, time**6))
+    band[0] += weight
+    return _solve(band, weight[:, None] * values)
 
 
 def envelope(need: Array, fixed: NDArray[np.bool_], time: float) -> Array:
@@ -193,34 +226,95 @@ def between(values: Array, time: float, bounds: Sequence[Bound] = ()) -> Array:
     if nframe < 5:
         return np.array(values)
     base = _energy(nframe, (1.0, 0.0, 0.0, time**6))
+    start = _solve(base.copy(order="F"), np.array(values))
+    if not bounds:
+        return start
     sign = np.array([1.0 if bound.upper else -1.0 for bound in bounds])[:, None]
-    value = np.array([bound.value for bound in bounds]).reshape(-1, nframe)
-    counts = np.array([bound.frames for bound in bounds], dtype=bool).reshape(-1, nframe)
-    counts &= np.isfinite(value)
+    value = np.array([bound.value for bound in bounds])
+    counts = np.array([bound.frames for bound in bounds], dtype=bool) & np.isfinite(value)
     level = np.where(counts, value, 0.0)
-    price = np.array([bound.price for bound in bounds])[:, None]
-    free = np.zeros(nframe, dtype=bool)
-    curve = _solve(base, values[:, None], free, values[:, None])[:, 0]
-    for _ in range(_ROUNDS):
-        active = counts & (sign * (curve - level) > 0.0)
+    price = np.where(counts, np.array([bound.price for bound in bounds])[:, None], 0.0)
+
+    def broken(curve: Array) -> Mask:
+        return counts & (sign * (curve - level) > 0.0)
+
+    def solve(active: Mask) -> Array:
         weight = np.where(active, price, 0.0)
-        band, right = base.copy(), values + (weight * level).sum(axis=0)
+        band = base.copy(order="F")
         band[0] += weight.sum(axis=0)
-        direction = _solve(band, right[:, None], free, values[:, None])[:, 0] - curve
+        return _solve(band, values + (weight * level).sum(axis=0))
+
+    def slope(curve: Array, direction: Array) -> Callable[[float], float]:
+        flat = direction @ (_times(base, curve) - values)
+        steep = direction @ _times(base, direction)
+        over, along = sign * (curve - level), sign * direction
+
+        def at(length: float) -> float:
+            beyond = np.maximum(over + length * along, 0.0)
+            return float(flat + length * steep + (price * beyond * along).sum())
+
+        return at
+
+    priced = _Priced(broken, solve, slope)
+    curve, settled = _exchange(priced, start)
+    return curve if settled else _newton(priced, curve)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Priced:
+    """A convex quadratic programme whose bounds have a price each.
+
+    Attributes:
+      broken: which bounds a curve breaks.
+      solve: the least curve that pays for some of them, and neither less nor more.
+      slope: of what a curve costs along a direction, at a length of it; it only grows.
+    """
+
+    broken: Callable[[Array], Mask]
+    solve: Callable[[Mask], Array]
+    slope: Callable[[Array, Array], Callable[[float], float]]
+
+
+def _exchange(priced: _Priced, start: Array) -> tuple[Array, bool]:
+    """Pay for what is broken, then for what is broken then, until nothing changes.
+
+    Far fewer solves than Newton steps, none of which is measured; but it may go round in circles.
+
+    Args:
+      priced: the programme.
+      start: a curve that may be near the least.
+
+    Returns:
+      The last curve, and whether it is the one of least cost.
+    """
+    active = priced.broken(start)
+    fewest, circles = active.size + 1, 0
+    while True:
+        curve = priced.solve(active)
+        now = priced.broken(curve)
+        wrong = int(np.count_nonzero(now != active))
+        circles = 0 if wrong < fewest else circles + 1
+        if wrong == 0 or circles == _CIRCLES:
+            return curve, wrong == 0
+        fewest, active = min(wrong, fewest), now
+
+
+def _newton(priced: _Priced, start: Array) -> Array:
+    """Return the curve of least cost, by Newton steps on the bounds that are broken."""
+    curve = start
+    for _ in range(_ROUNDS):
+        direction = priced.solve(priced.broken(curve)) - curve
         if np.abs(direction).max() < _SETTLED:
             break
         # Along the direction the slope only grows: halve towards where it crosses zero.
-        flat = direction @ (_times(base, curve) - values)
-        steep = direction @ _times(base, direction)
-        low, high = 0.0, 1.0
-        for halving in range(_HALVINGS + 1):
-            length = 1.0 if halving == 0 else 0.5 * (low + high)
-            beyond = np.maximum(sign * (curve + length * direction - level), 0.0)
-            pull = (np.where(counts, price * sign * beyond, 0.0) @ direction).sum()
-            falling = flat + length * steep + pull < 0.0
-            if falling and halving == 0:
+        slope = priced.slope(curve, direction)
+        low, high, length = 0.0, 1.0, 1.0
+        for _ in range(_HALVINGS):
+            falling = slope(length) < 0.0
+            if falling and length == 1.0:
                 break
             low, high = (length, high) if falling else (low, length)
+            length = 0.5 * (low + high)
         curve = curve + length * direction
     return curve
 
@@ -228,39 +322,39 @@ def between(values: Array, time: float, bounds: Sequence[Bound] = ()) -> Array:
 def _penalised(
     base: Array, goal: Array, fixed: NDArray[np.bool_], stiffness: float, start: Array
 ) -> Array:
-    """Minimise ``lᵀ base l + stiffness |max(0, goal − l)|²`` by Newton steps."""
-    zero = np.zeros((len(goal), 1))
-    curve = start
-    for _ in range(_ROUNDS):
-        active = ~fixed & (curve < goal)
-        band = base.copy()
+    """Minimise ``lᵀ base l + stiffness |max(0, goal − l)|²``; zero where it is fixed."""
+    held, free = _holding(base, fixed), ~fixed
+    pull = stiffness * goal
+
+    def broken(curve: Array) -> Mask:
+        return free & (curve < goal)
+
+    def solve(active: Mask) -> Array:
+        band = held.copy(order="F")
         band[0, active] += stiffness
-        newton = _solve(band, np.where(active, stiffness * goal, 0.0)[:, None], fixed, zero)
-        direction = newton[:, 0] - curve
-        if np.abs(direction).max() < _SETTLED:
-            break
-        # Along the direction the slope only grows: halve towards where it crosses zero.
+        return _solve(band, np.where(active, pull, 0.0))
+
+    def slope(curve: Array, direction: Array) -> Callable[[float], float]:
         flat, steep = direction @ _times(base, curve), direction @ _times(base, direction)
-        low, high = 0.0, 1.0
-        for halving in range(_HALVINGS + 1):
-            length = 1.0 if halving == 0 else 0.5 * (low + high)
-            below = np.where(fixed, 0.0, np.maximum(goal - curve - length * direction, 0.0))
-            falling = flat + length * steep < stiffness * (below @ direction)
-            if falling and halving == 0:
-                break
-            low, high = (length, high) if falling else (low, length)
-        curve = curve + length * direction
-    return curve
+        gap, along = goal - curve, np.where(free, direction, 0.0)
+
+        def at(length: float) -> float:
+            below = np.maximum(gap - length * direction, 0.0)
+            return float(flat + length * steep - stiffness * (below @ along))
+
+        return at
+
+    priced = _Priced(broken, solve, slope)
+    curve, settled = _exchange(priced, start)
+    # What goes round in circles are long stretches at zero: no better place to begin than start.
+    return curve if settled else _newton(priced, start)
 
 
 def _times(band: Array, vector: Array) -> Array:
     """Return the product of a symmetric banded matrix (lower form) and a vector."""
-    product = band[0] * vector
-    for offset in range(1, len(band)):
-        side = band[offset, :-offset]
-        product[offset:] += side * vector[:-offset]
-        product[:-offset] += side * vector[offset:]
-    return product
+    from scipy.linalg.blas import dsbmv
+
+    return np.asarray(dsbmv(len(band) - 1, 1.0, band, vector, lower=1))
 
 
 def ease(share: ArrayLike) -> Array:

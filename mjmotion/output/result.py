@@ -39,6 +39,9 @@ if TYPE_CHECKING:
     from mjmotion.output.report.poses import Strip
     from mjmotion.validation import Validation
 
+FIRST_FRAME = "first_frame"
+"""Name of the keyframe in a result's model, with which any viewer shows where the motion begins."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Result:
@@ -294,4 +297,8 @@ def write_motions(folder: str | Path, result: Result) -> None:
             result.body.save(folder / BODY)
     except OSError as error:
         raise OutputError(f"cannot write into '{folder}': {error.strerror or error}") from error
-    save_model(result.motion.character.spec, folder, MODEL)
+    spec = result.motion.character.spec.copy()
+    for key in list(spec.keys):
+        spec.delete(key)
+    spec.add_key(name=FIRST_FRAME, qpos=result.motion.qpos[0])
+    save_model(spec, folder, MODEL)

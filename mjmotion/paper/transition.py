@@ -31,7 +31,7 @@ OVERLAPS = (Overlap(74, 10, 21), Overlap(84, 24, 21))  # what is found, kept for
 FIRST = 66  # frame of the whole that the job begins with; some to either side make no difference
 STRIDES = (3.0, 2.5)  # of each walk and of the sneaking
 WALK = ("start", "straight", "turn_left", "turn_right", "stop")  # clips of the paper's 464 frames
-DUTY = 0.57  # share of a stride that a foot stands in the walk
+DUTY = 0.58  # share of a stride that the ball of a foot stands in the walk
 
 
 def make_clips(character: CharacterLike = "humanoid") -> tuple[Motion, Motion]:

@@ -65,7 +65,7 @@ class Changing:
 
     def clearances(self, swings: Sequence[Swing]) -> list[tuple[float, int]]:
         """Return the least height [m] of the sole over the ground in each swing, and its frame."""
-        owner = self._ground.model.geom_bodyid[self._geoms.ids]
+        owner = self._geoms.owner
         result = []
         for swing in swings:
             near = self._distance[:, swing.first : swing.last, owner == swing.foot]

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.validation.cone import beyond_cone
 from mjmotion.validation.lowpass import low_pass
 from mjmotion.validation.support import Support
 
@@ -42,15 +43,8 @@ def unexplained_force(model: mujoco.MjModel, qpos: Array, fps: float, support: S
     wrench = _root_wrench(model, qpos, fps) / weight
     generators = _generators(support, qpos[:, :3])
     held = np.repeat(support.held, 2 * _EDGES, axis=1)
-    from scipy.optimize import nnls
-
-    for row in range(1, len(qpos) - 1):  # an active set for each frame, a few microseconds
-        columns = generators[row][:, held[row]]
-        if columns.size == 0:
-            left[row] = np.linalg.norm(wrench[row, :3])
-            continue
-        share, _ = nnls(columns, wrench[row], maxiter=100 * columns.shape[1])
-        left[row] = np.linalg.norm((wrench[row] - columns @ share)[:3])
+    rest = beyond_cone(generators[1:-1], wrench[1:-1], held[1:-1])
+    left[1:-1] = np.linalg.norm(rest[:, :3], axis=1)
     return left
 
 
@@ -84,7 +78,7 @@ def _root_wrench(model: mujoco.MjModel, qpos: Array, fps: float) -> Array:
 
 
 def _generators(support: Support, root: Array) -> Array:
-    """Return unit forces along the edges of all cones (nframe, 6, nsite * 2 * edges), with torques.
+    """Return unit forces along the edges of all cones (nframe, nsite * 2 * edges, 6), with torques.
 
     Torques are about ``root`` (nframe, 3) [m].
     """
@@ -105,4 +99,4 @@ def _generators(support: Support, root: Array) -> Array:
     arm = (point - root[:, None, None])[:, :, :, None]
     force = np.broadcast_to(edge[:, :, None], (*edge.shape[:2], 2, _EDGES, 3))
     both = np.concatenate((force, np.cross(arm, force)), axis=4)
-    return np.asarray(both.reshape(len(root), -1, 6).transpose(0, 2, 1))
+    return np.asarray(both.reshape(len(root), -1, 6))

@@ -163,7 +163,7 @@ def swing_clearances(
     Points over no ground at all do not count; a swing without any is infinitely clear.
     """
     result = [(np.inf, swing.first) for swing in swings]
-    body = ground.model.geom_bodyid[geoms.ids]
+    body = geoms.owner
     # One row for every geom of the foot in every frame of every swing, geom by geom.
     rows = [
         np.stack(np.broadcast_arrays(i, np.arange(swing.first, swing.last), order), axis=1)
@@ -238,7 +238,7 @@ def source_clearances(
     The source's ground is the height that the foot stood at before and stands at after: the mean
     height of its contacts, and straight lines over time between them.
     """
-    body = model.geom_bodyid[geoms.ids]
+    body = geoms.owner
     every = np.arange(len(poses.site))
     lowest = {
         i: lowest_points(geoms.solids[i], poses.geom[:, i], poses.turn[:, i])

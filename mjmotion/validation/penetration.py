@@ -45,12 +45,14 @@ class CharacterGeoms:
       model: the model.
       ids: (ngeom,) which of the model's geoms they are.
       solids: their shapes.
+      owner: (ngeom,) the body each belongs to; what hangs from a foot, as toes do, is the foot's.
       foot: (ngeom,) whether each belongs to a foot.
     """
 
     model: mujoco.MjModel
     ids: Index
     solids: tuple[Solid, ...]
+    owner: Index
     foot: NDArray[np.bool_]
     _skins: dict[tuple[int, float], Skin] = dataclasses.field(default_factory=dict)
 
@@ -68,7 +70,8 @@ class CharacterGeoms:
         solid = mine & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
         ids = np.flatnonzero(solid if solid.any() else mine)
         solids = tuple(solid_of(model, int(geom)) for geom in ids)
-        return cls(model, ids, solids, np.isin(model.geom_bodyid[ids], feet))
+        owner = np.array([_owner(model, int(body)) for body in model.geom_bodyid[ids]], np.int64)
+        return cls(model, ids, solids, owner, np.isin(owner, feet))
 
     def skin(self, i: int, spacing: float) -> Skin:
         """Return the skin of geom number ``i``, without what is inside another of its body.
@@ -91,6 +94,21 @@ class CharacterGeoms:
                 hidden |= within(self.solids[k], local)
         self._skins[i, spacing] = whole.keep(~hidden)
         return self._skins[i, spacing]
+
+
+def _owner(model: mujoco.MjModel, body: int) -> int:
+    """Return the body with a heel or toe site that a body hangs from, or the body itself."""
+    feet = {
+        int(model.site_bodyid[i])
+        for i in range(model.nsite)
+        if model.site(i).name.endswith(("heel", "toe"))
+    }
+    above = body
+    while above > 0:
+        if above in feet:
+            return above
+        above = int(model.body_parentid[above])
+    return body
 
 
 def penetration(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjmotion.apps.edit.hold import HOLDS, Hold, keep
 from mjmotion.apps.edit.local import LocalEdit
 from mjmotion.apps.edit.span import Span
+from mjmotion.apps.edit.window import Window
 from mjmotion.body.kinematics import Kinematics, site_id, site_positions
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
@@ -81,12 +83,31 @@ def edit_frame(  # more than eight parameters: all but the first three have a de
     )
     span = Span(frame, int(levels[0]), source.nframe)
     drags = _drags(source, frame, [site] if isinstance(site, str) else list(site), by, to)
-    held = keep(source, stands, span, drags, hold)
-    edit = LocalEdit(source, span, held, drags, default_rigidity(source.model))
-    moved, held, trace = edit.run(levels, check_tolerance(tolerance))
-    asked = [*held.constraints(), *drags]
-    targets = lay_out(asked, source.model, source.nframe)
-    return Result(source, moved, held.contacts, trace, find_unmet(moved, targets, asked))
+    return _edited(source, stands, span, drags, hold, (levels, check_tolerance(tolerance)))
+
+
+def _edited(
+    source: Motion,
+    stands: Sequence[Contact],
+    span: Span,
+    drags: list[SiteConstraint],
+    hold: Hold,
+    until: tuple[tuple[float, ...], float],
+) -> Result:
+    """Return the result of drags; ``until`` are the levels and the tolerance."""
+    window = Window.of(source, stands, span)
+    mine = window.constraints(drags)
+    held = keep(window.motion, window.contacts, window.span, mine, hold)
+    edit = LocalEdit(window.motion, window.span, held, default_rigidity(source.model))
+    part, held, trace = edit.run(mine, *until)
+    targets = lay_out([*held.constraints(), *mine], source.model, part.nframe)
+    unmet = find_unmet(part, targets, [*held.constraints(), *mine])
+    moved, contacts = window.put_back(part, held.contacts)
+    shown = tuple(
+        dataclasses.replace(one, frames=tuple(frame + window.low for frame in one.frames))
+        for one in unmet
+    )
+    return Result(source, moved, contacts, trace, shown)
 
 
 def deformation(edited: Result) -> Array:

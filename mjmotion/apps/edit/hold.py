@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import mujoco
 import numpy as np
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from mjmotion.apps.edit.span import Span
 from mjmotion.body.character import Character
 from mjmotion.body.feet import Foot
-from mjmotion.body.kinematics import Kinematics, site_id
+from mjmotion.body.kinematics import Kinematics, Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import ModelError
 from mjmotion.footsteps.ankles import relax_ankles, trim_heel_contacts
 from mjmotion.footsteps.contacts import Contact
-from mjmotion.footsteps.paths import FootPath
+from mjmotion.footsteps.paths import FootPath, turned_about_toes
 from mjmotion.numerics.rotations import (
     conjugate,
     continuous,
@@ -27,12 +27,12 @@ from mjmotion.numerics.rotations import (
     from_matrix,
     log,
     multiply,
-    rotate,
 )
 
 Array = NDArray[np.float64]
 Hold = Literal["feet", "contacts", "frame"]
 
+Paths: TypeAlias = tuple[FootPath, ...]
 HOLDS: tuple[Hold, ...] = ("feet", "contacts", "frame")
 SHORTEST = 0.07  # what is left of a heel's contact is dropped when it is shorter [s]
 
@@ -72,7 +72,7 @@ class Held:
                 path,
                 **{
                     name: getattr(path, name)[row]
-                    for name in ("position", "quat", "shift", "stance", "lift")
+                    for name in ("position", "quat", "shift", "stance", "lift", "toes")
                 },
             )
             for path in self.paths
@@ -86,16 +86,21 @@ class Held:
         )
         return Held(self.feet, paths, others, ())
 
-    def relaxed(self, source: Motion, moved: Motion, fade: Array) -> Held:
+    def own(self, source: Motion) -> Paths:
+        """Return the feet's paths as the source's own ankles can follow them."""
+        return relax_ankles(source, self.feet, self.paths, ())[0]
+
+    def relaxed(self, moved: Motion, fade: Array, before: Paths) -> Held:
         """Return it with heels raised where the moved body's ankles could not follow otherwise.
 
         Args:
-          source: the motion before.
           moved: the motion with its body where it is to be.
           fade: (nframe,) how much of that each frame may take.
+          before: what :meth:`own` returns for the motion before.
         """
-        before, _ = relax_ankles(source, self.feet, self.paths, ())
         after, _ = relax_ankles(moved, self.feet, self.paths, ())
+        if after == self.paths:
+            return self
         paths, contacts = [], list(self.contacts)
         for foot, path, old, new in zip(self.feet, self.paths, before, after, strict=True):
             # What the source lacked already is its own.
@@ -104,9 +109,8 @@ class Held:
                 paths.append(path)
                 continue
             quat = multiply(path.quat, exp(turn))
-            position = path.position + rotate(path.quat, foot.toe) - rotate(quat, foot.toe)
-            paths.append(dataclasses.replace(path, position=position, quat=quat))
-            contacts = trim_heel_contacts(contacts, foot, path, paths[-1], SHORTEST * source.fps)
+            paths.append(turned_about_toes(path, foot, quat))
+            contacts = trim_heel_contacts(contacts, foot, path, paths[-1], SHORTEST * moved.fps)
         return dataclasses.replace(self, paths=tuple(paths), contacts=tuple(contacts))
 
 
@@ -158,18 +162,22 @@ def keep(
     paths = []
     for body, foot in feet.items():
         held = allowed if hold == "feet" and body not in dragged else stands[body]
-        site = site_id(model, foot.site)
-        paths.append(
-            FootPath(
-                foot.site,
-                np.array(pose.site_xpos[:, site]),
-                continuous(from_matrix(pose.site_xmat[:, site])),
-                np.zeros((motion.nframe, 3)),
-                held,
-                np.zeros(motion.nframe),
-            )
-        )
+        paths.append(_own_path(foot, pose, held))
     return Held(tuple(feet.values()), tuple(paths), tuple(others), tuple(left))
+
+
+def _own_path(foot: Foot, pose: Pose, held: NDArray[np.bool_]) -> FootPath:
+    """Return the path that a foot goes, held there at some frames (nframe,)."""
+    site, nframe = site_id(pose.model, foot.site), len(held)
+    return FootPath(
+        foot.site,
+        np.array(pose.site_xpos[:, site]),
+        continuous(from_matrix(pose.site_xmat[:, site])),
+        np.zeros((nframe, 3)),
+        held,
+        np.zeros(nframe),
+        foot.bend(pose) if foot.toes is None else foot.toes.wanted(foot.bend(pose)),
+    )
 
 
 def _within(

@@ -1,7 +1,7 @@
 """One edit of the frames of a span: Algorithm 1 on those alone, with what is held (§4.4).
 
-    edit = LocalEdit(source, span, held, drags, solver)
-    edited = edit.run(levels, tolerance)
+    edit = LocalEdit(source, span, held, rigidity)
+    edited, held, trace = edit.run(drags, levels, tolerance)
 
 The first level spreads the pose of the edited frame alone. The feet around it stand where they are
 to stand until the body moves, so their displacements would all be zero, and Eq. 2 would draw the
@@ -12,22 +12,24 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cached_property, partial
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.apps.edit.hold import Held
+from mjmotion.apps.edit.hold import Held, Paths
 from mjmotion.apps.edit.pose import PoseSolver
 from mjmotion.apps.edit.span import Span
-from mjmotion.body.kinematics import site_id, site_positions
+from mjmotion.body.kinematics import body_dofs, site_id, site_positions
+from mjmotion.body.limbs import Limb
 from mjmotion.body.motion import Motion
-from mjmotion.constraints import SiteConstraint, lay_out
+from mjmotion.constraints import SiteConstraint, Targets, lay_out
 from mjmotion.constraints.unmet import residuals
 from mjmotion.fitting import Trace, run_level
 from mjmotion.fitting.levels import BETTER
 from mjmotion.fitting.trace import Stopwatch
+from mjmotion.footsteps.paths import with_toes
 from mjmotion.ik import IKProblem, Solution, make_solver
 from mjmotion.numerics.smoothing import envelope
 from mjmotion.numerics.tangent import ominus, oplus
@@ -43,13 +45,12 @@ _EXTRA_LEVELS = 4  # at most, at the finest knots
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LocalEdit:
-    """Algorithm 1 on the frames of a span.
+    """Algorithm 1 on the frames of a span, for one drag after another.
 
     Attributes:
       source: the motion before.
       span: the frames that may change.
       held: what stays, or goes where it was put.
-      asked: what the user asks for.
       rigidity: (nv,) α of Eq. 4.
       guess: (nframe, 3) how far the root is moved first (§4.5), zero outside the span [m].
       ik: which solver the levels take.
@@ -58,53 +59,108 @@ class LocalEdit:
     source: Motion
     span: Span
     held: Held
-    asked: list[SiteConstraint]
     rigidity: Array
     guess: Array | None = None
     ik: str = "hybrid"
 
     def run(
-        self, levels: Sequence[float], tolerance: float, exact: bool = True
+        self,
+        asked: Sequence[SiteConstraint],
+        levels: Sequence[float],
+        tolerance: float,
+        exact: bool = True,
     ) -> tuple[Motion, Held, Trace]:
-        """Return the edited motion, what it holds in the end, and what the levels did."""
+        """Return the edited motion, what it holds in the end, and what the levels did.
+
+        Args:
+          asked: what the user asks for: sites at one frame, or at several.
+          levels: frames a knot of each, coarse to fine.
+          tolerance: no further level follows once nothing is off by more [m].
+          exact: whether what is held is closed at the end (§4.4).
+        """
         character, span = self.source.character, self.span
         model, qpos = character.model, np.array(self.source.qpos)
+        asked = [self._by_posed_site(one) for one in asked]
         if self.guess is not None:
             qpos[:, :3] += self.guess
-        watch, reached = Stopwatch(character.height), self.asked
-        single = bool(self.asked) and span.length == 1
-        if single:
-            pose, reached = self._pose()
-            first = lay_out([*self.held.constraints(), *self.asked], model, self.source.nframe)
-            before = float(residuals(self.source, first).max(initial=0.0))
+        watch, reached = Stopwatch(character.height), list(asked)
+        if asked and span.length == 1:
+            pose, reached, before = self._pose(asked)
             onto = partial(_onto, model, pose)
             qpos = self._level(qpos, np.array([span.frame]), onto, levels[0])
             watch.level(levels[0], before)
-        held = self.held.relaxed(self.source, self.source.replace(qpos), span.fade)
+        held = self.held
+        if not np.array_equal(qpos[:, :7], self.source.qpos[:, :7]) or self._moves_feet(asked):
+            held = held.relaxed(self.source.replace(qpos), span.fade, self._own_paths)
         # The drags go on to hold what was reached: what is out of reach must not pull again.
-        targets = lay_out([*held.constraints(), *reached], model, self.source.nframe)
-        rigidity = np.array(self.rigidity)
-        rigidity[:6] *= ROOT_STIFFNESS
-        problem = make_solver(character, self.ik, rigidity).prepare(targets)
-        frames = targets.frames
-        qpos = self._reach(qpos, problem, frames, far=reached is not self.asked)
+        asks = [*held.constraints(), *reached]
+        nscalar = sum(one.nscalar for one in [*held.constraints(), *asked])
+        on_limbs = [*held.constraints(), *(one for one in reached if self._on_limb(one))]
+        targets = lay_out(on_limbs, model, self.source.nframe)
+        far = any(new is not old for new, old in zip(reached, asked, strict=True))
+        qpos, closing = self._reach(qpos, self._problem(targets), targets.frames, asked, far)
+        if self._lets_go(targets, closing):
+            if any(not self._on_limb(one) for one in self.held.others):
+                targets = lay_out(asks, model, self.source.nframe)
+            qpos, closing, errors = self._levels(qpos, targets, levels, tolerance, watch)
+        else:
+            # Closing follows the body as smoothly as the body moves: splines have nothing to do.
+            errors = [float(closing.error.max(initial=0.0))]
+        if exact:
+            qpos[targets.frames] = oplus(model, qpos[targets.frames], closing.displacement)
+        moved = with_toes(self.source.replace(self._within_limits(qpos)), held.paths)
+        left = float(residuals(moved, targets).max(initial=0.0))
+        return moved, held, watch.trace(errors[-1], left, nscalar)
+
+    def _levels(
+        self,
+        qpos: Array,
+        targets: Targets,
+        levels: Sequence[float],
+        tolerance: float,
+        watch: Stopwatch,
+    ) -> tuple[Array, Solution, list[float]]:
+        """Return poses after the levels, what closes them, and the errors before each [m]."""
+        problem, frames = self._problem(targets), targets.frames
         watch.start()
         last, errors = None, []
+        on_limbs = all(self._on_limb(one) for one in self.held.others)
         while True:
-            last = problem.solve(qpos[frames], last)
+            # The body is where the first level put it; only where more of it is held it moves on.
+            last = problem.enforce(qpos[frames]) if on_limbs else problem.solve(qpos[frames], last)
             errors.append(float(last.error.max(initial=0.0)))
             frames_per_knot = _next_level(levels, len(watch), errors, tolerance)
             if frames_per_knot is None:
                 break
             qpos = self._level(qpos, frames, partial(_answered, last), frames_per_knot)
             watch.level(frames_per_knot, errors[-1])
-        if exact:
-            closing = problem.enforce(qpos[frames]).displacement
-            qpos[frames] = oplus(model, qpos[frames], closing)
-        moved = self.source.replace(self._within_limits(qpos))
-        left = float(residuals(moved, targets).max(initial=0.0))
-        nscalar = sum(one.nscalar for one in [*held.constraints(), *self.asked])
-        return moved, held, watch.trace(errors[-1], left, nscalar)
+        return qpos, problem.enforce(qpos[frames]), errors
+
+    def _problem(self, targets: Targets) -> IKProblem:
+        """Return the problem of some targets; the root, which has moved already, is stiff."""
+        rigidity = np.array(self.rigidity)
+        rigidity[:6] *= ROOT_STIFFNESS
+        return make_solver(self.source.character, self.ik, rigidity).prepare(targets)
+
+    def _lets_go(self, targets: Targets, closing: Solution) -> bool:
+        """Return whether a site that must be closed is let go somewhere within the span."""
+        within = self.span.frames
+        present = np.isin(within, targets.frames)
+        held = np.maximum(targets.position_weight, targets.turn_weight) > 0.0
+        always = held[np.isin(targets.frames, within)].all(axis=0) & present.all()
+        moves = np.abs(closing.displacement).max(axis=0, initial=0.0) > SAME
+        model = self.source.model
+        parted = [
+            (moves & body_dofs(model, int(model.site_bodyid[site]))).any()
+            for site in targets.sites[~always]
+        ]
+        return any(parted) or bool(targets.relational.any())
+
+    def _on_limb(self, one: SiteConstraint) -> bool:
+        limbs = self.source.character.limbs
+        return self._body(one) in {
+            part for limb in limbs for part in (limb.upper, limb.lower, limb.end)
+        }
 
     def _level(
         self,
@@ -123,56 +179,111 @@ class LocalEdit:
 
         return run_level(self.source.character, qpos, frames, solve, spline).qpos
 
-    def _pose(self) -> tuple[Array, list[SiteConstraint]]:
-        """Return the edited frame's pose (1, nq), and drags to where it came."""
-        model, frame = self.source.model, self.span.frame
-        alone = self.source.replace(self.source.qpos[frame : frame + 1])
-        drags = [dataclasses.replace(drag, frames=np.zeros(1, np.int64)) for drag in self.asked]
-        names = [drag.site for drag in self.asked]
-        solver = PoseSolver.of(self.source.character, names, self.rigidity)
-        pose, share = solver.drag(alone, self.held.at(frame), drags)
+    def _pose(self, asked: Sequence[SiteConstraint]) -> tuple[Array, list[SiteConstraint], float]:
+        """Return the edited frame's pose (1, nq), drags to where it came, and how far that was."""
+        model, (alone, held, own) = self.source.model, self._alone
+        drags = [dataclasses.replace(drag, frames=np.zeros(1, np.int64)) for drag in asked]
+        solver = PoseSolver.of(self.source.character, [one.site for one in asked], self.rigidity)
+        pose, share = solver.drag(alone, held, drags, own)
+        sites = np.array([site_id(model, drag.site) for drag in asked])
+        was = site_positions(model, alone.qpos, sites)[0]
+        wanted = np.concatenate([np.asarray(one.position) for one in drags])
+        way = float(np.linalg.norm(wanted - was, axis=1).max())
         if share == 1.0:
-            return pose, self.asked
-        sites = np.array([site_id(model, drag.site) for drag in self.asked])
-        reached = site_positions(model, pose, sites)[0]
-        return pose, [
+            return pose, list(asked), way
+        came = site_positions(model, pose, sites)[0]
+        reached = [
             dataclasses.replace(drag, position=position)
-            for drag, position in zip(self.asked, reached, strict=True)
+            for drag, position in zip(asked, came, strict=True)
         ]
+        return pose, reached, way
 
     def _reach(
-        self, qpos: Array, problem: IKProblem, frames: NDArray[np.int64], far: bool
-    ) -> Array:
+        self,
+        qpos: Array,
+        problem: IKProblem,
+        frames: NDArray[np.int64],
+        asked: Sequence[SiteConstraint],
+        far: bool,
+    ) -> tuple[Array, Solution]:
         """Return poses (nframe, nq) whose root sinks or rises where a limb does not reach.
 
         Not outside the span, nor at an edited frame where the body was dragged. A limb that was
         dragged too far has drawn the body after it as far as the others reach: nothing gives.
+
+        Returns:
+          poses, and what closes the limbs there.
         """
         ends = set(self.source.character.limb_by_end)
         fixed = np.ones(len(qpos), dtype=bool)
         fixed[self.span.frames] = False
-        dragged = {self._body(drag) for drag in self.asked}
+        dragged = {self._body(drag) for drag in asked}
+        closing = problem.enforce(qpos[frames])
         if far and dragged <= ends:
-            return qpos
+            return qpos, closing
         fixed[self.span.frame : self.span.last + 1] |= bool(dragged) and not dragged <= ends
-        own, qpos = problem.enforce(self.source.qpos[frames]).rise, qpos.copy()
+        own, qpos = None, qpos.copy()
         for _ in range(_REACH_ROUNDS):
-            rise = problem.enforce(qpos[frames]).rise
-            if own is None or rise is None or not rise.any():
-                return qpos
+            rise = closing.rise
+            if rise is None or not rise.any():
+                break
+            own = problem.enforce(self.source.qpos[frames]).rise if own is None else own
+            assert own is not None
+            gives = False
             for sign in (1.0, -1.0):
                 need = np.zeros(len(qpos))
                 # Legs that were straight already are the source's own.
                 need[frames] = np.maximum(sign * rise, 0.0) - np.maximum(sign * own, 0.0)
                 need[fixed] = 0.0
-                if need.any():
+                if (need > 0.0).any():
                     give = sign * envelope(need, fixed, REACH_TIME * self.source.fps)
                     qpos[self.span.frames, 2] += give[self.span.frames]
-        return qpos
+                    gives = True
+            if not gives:
+                break
+            closing = problem.enforce(qpos[frames])
+        return qpos, closing
+
+    def _by_posed_site(self, drag: SiteConstraint) -> SiteConstraint:
+        """Return the drag of a heel or toe as that of its foot's posed site: it goes along."""
+        feet = [foot for foot in self.held.feet if foot.body == self._body(drag)]
+        if not feet or drag.position is None or self.span.length != 1 or drag.quat is not None:
+            return drag
+        frame = self.source.qpos[self.span.frame : self.span.frame + 1]
+        sites = np.array([site_id(self.source.model, name) for name in (drag.site, feet[0].site)])
+        here, posed = site_positions(self.source.model, frame, sites)[0]
+        return dataclasses.replace(drag, site=feet[0].site, position=drag.position + (posed - here))
+
+    def _moves_feet(self, asked: Sequence[SiteConstraint]) -> bool:
+        """Return whether what is dragged is of a leg."""
+        legs = [limb for foot in self.held.feet if (limb := self._limb(foot.body)) is not None]
+        parts = {part for limb in legs for part in (limb.upper, limb.lower, limb.end)}
+        return any(self._body(one) in parts for one in asked)
+
+    def _limb(self, body: int) -> Limb | None:
+        return self.source.character.limb_by_end.get(body)
 
     def _body(self, drag: SiteConstraint) -> int:
         model = self.source.model
         return int(model.site_bodyid[site_id(model, drag.site)])
+
+    @cached_property
+    def _own_paths(self) -> Paths:
+        """The feet's paths as the source's ankles can follow them."""
+        return self.held.own(self.source)
+
+    @cached_property
+    def _alone(self) -> tuple[Motion, Held, Paths]:
+        """The edited frame as a motion, what is held there, and how ankles can follow that."""
+        frame = self.span.frame
+        alone, held = self.source.replace(self.source.qpos[frame : frame + 1]), self.held.at(frame)
+        return alone, held, held.own(alone)
+
+    @cached_property
+    def _own_excess(self) -> Array:
+        """How far joints of the source are out of their limits in the span's frames."""
+        excess = self.source.character.limits.excess(self.source.qpos[self.span.frames])
+        return np.asarray(excess.max(axis=1, initial=0.0))
 
     def _within_limits(self, qpos: Array) -> Array:
         """Return poses within joint limits, where the source was not further out itself."""
@@ -180,9 +291,8 @@ class LocalEdit:
         qpos = qpos.copy()
         if character.coupling:
             qpos[within] = character.coupling.couple(qpos[within])
-        limits = character.limits
-        excess = limits.excess(qpos[within]).max(axis=1, initial=0.0)
-        worse = excess > limits.excess(self.source.qpos[within]).max(axis=1, initial=0.0)
+        excess = character.limits.excess(qpos[within]).max(axis=1, initial=0.0)
+        worse = excess > self._own_excess
         qpos[within[worse]] = character.within_limits(qpos[within[worse]])
         return qpos
 

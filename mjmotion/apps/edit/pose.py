@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.apps.edit.hold import Held
+from mjmotion.apps.edit.hold import Held, Paths
 from mjmotion.body.character import Character
-from mjmotion.body.kinematics import body_dofs, site_id, site_positions
+from mjmotion.body.kinematics import body_dofs, root_body, site_id, site_positions
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint, Targets, lay_out
 from mjmotion.constraints.unmet import residuals
@@ -62,7 +62,7 @@ class PoseSolver:
         return cls(character, alpha)
 
     def drag(
-        self, frame: Motion, held: Held, drags: Sequence[SiteConstraint]
+        self, frame: Motion, held: Held, drags: Sequence[SiteConstraint], own: Paths | None = None
     ) -> tuple[Array, float]:
         """Return the pose (1, nq) that drags ask for, and what share of their way it goes.
 
@@ -73,14 +73,16 @@ class PoseSolver:
           frame: the pose, as a motion of one frame.
           held: what stays, at frame 0.
           drags: where sites are to be, at frame 0.
+          own: what :meth:`Held.own` returns, where it is known already.
         """
-        found, gap = self._pose(frame, held, drags, 1.0)
+        own = held.own(frame) if own is None else own
+        found, gap = self._pose(frame, held, drags, 1.0, own)
         if gap <= REACHED:
             return found, 1.0
         found, low, high = frame.qpos, 0.0, 1.0
         for _ in range(_ROUNDS):
             share = 0.5 * (low + high)
-            pose, gap = self._pose(frame, held, drags, share)
+            pose, gap = self._pose(frame, held, drags, share, own)
             if gap <= REACHED:
                 found, low = pose, share
             else:
@@ -88,7 +90,12 @@ class PoseSolver:
         return found, low
 
     def _pose(
-        self, frame: Motion, held: Held, drags: Sequence[SiteConstraint], share: float
+        self,
+        frame: Motion,
+        held: Held,
+        drags: Sequence[SiteConstraint],
+        share: float,
+        own: Paths,
     ) -> tuple[Array, float]:
         """Return the pose (1, nq) at a share of the way, and the largest distance left [m].
 
@@ -99,10 +106,11 @@ class PoseSolver:
         model = frame.model
         wanted = [_part_of_the_way(frame, drag, share) for drag in drags]
         asked = lay_out(wanted, model, 1)
-        qpos = self._limbs_alone(frame, asked)
-        if qpos is None:
-            qpos = self._follow(frame, asked)
-        held = held.relaxed(frame, frame.replace(qpos), np.ones(1))
+        alone = self._limbs_alone(frame, asked)
+        if alone is not None:
+            return alone
+        qpos = self._follow(frame, asked)
+        held = held.relaxed(frame.replace(qpos), np.ones(1), own)
         staying = held.constraints()
         if staying:
             targets = lay_out(staying, model, 1)
@@ -119,15 +127,15 @@ class PoseSolver:
             qpos, gap = (closer, left) if left < gap else (qpos, gap)
         return qpos, gap
 
-    def _limbs_alone(self, frame: Motion, targets: Targets) -> Array | None:
-        """Return the pose (1, nq) with its limbs closed; None if they do not reach alone."""
+    def _limbs_alone(self, frame: Motion, targets: Targets) -> tuple[Array, float] | None:
+        """Return the pose (1, nq) with its limbs closed, and the gap; None if they do not reach."""
         ends = [int(frame.model.site_bodyid[site]) for site in targets.sites]
         if not set(ends) <= set(self.character.limb_by_end) or len(set(ends)) < len(ends):
             return None
         closing = HybridIK(self.character, self.rigidity).prepare(targets).enforce(frame.qpos)
         qpos = self.character.within_limits(oplus(frame.model, frame.qpos, closing.displacement))
-        left = residuals(frame.replace(qpos), targets).max(initial=0.0)
-        return qpos if left <= REACHED else None
+        left = float(residuals(frame.replace(qpos), targets).max(initial=0.0))
+        return (qpos, left) if left <= REACHED else None
 
     def _follow(self, frame: Motion, targets: Targets) -> Array:
         """Return the pose (1, nq) whose joints go least to where sites are wanted, within limits.
@@ -139,6 +147,10 @@ class PoseSolver:
         solver = NumericIK(self.character, self.rigidity, iterations=_ITERATIONS)
         start = site_positions(model, frame.qpos, targets.sites)
         way = targets.position - start
+        if len(targets.sites) == 1 and model.site_bodyid[targets.sites[0]] == root_body(model):
+            moved = frame.qpos.copy()  # where the root is dragged, it goes
+            moved[:, :3] += way[:, 0]
+            return moved
         longest = float(np.linalg.norm(way, axis=-1).max(initial=0.0))
         count = int(np.clip(np.ceil(longest / STEP), 1, _MOST_STEPS))
         qpos = frame.qpos

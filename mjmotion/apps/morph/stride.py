@@ -24,6 +24,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.body.reach import drop_to_reach
 from mjmotion.constraints import SiteConstraint
 from mjmotion.footsteps.contacts import Contact, contact_mask
+from mjmotion.footsteps.paths import with_toes
 from mjmotion.footsteps.pelvis import DROP_TIME, LEAST_HEIGHT, REACH_FREE, REACH_MOST
 from mjmotion.footsteps.plan import make_plan
 from mjmotion.numerics.rotations import conjugate, multiply, rotate, yaw_quat
@@ -110,7 +111,8 @@ def find_stride(
     shift = np.zeros((source.nframe, 3))
     shift[:, 2] = (taller - 1.0) * (source.qpos[:, 2] - level)
     shift[:, 2] -= _drop(source, tracks, bones, shift)
-    return Stride(source, asked.contacts, tuple(tracks), shift)
+    lying = with_toes(source, asked.paths)
+    return Stride(lying, asked.contacts, tuple(tracks), shift)
 
 
 def _taller(source: Motion, sites: NDArray[np.int64], bones: Bones) -> Array:

@@ -28,7 +28,7 @@ from mjmotion.clips import load_clip
 from mjmotion.constraints import Constraint, SiteConstraint
 from mjmotion.exceptions import ContactError, FitError, unknown_name
 from mjmotion.fitting import TOLERANCE
-from mjmotion.footsteps.ankles import relax_ankles
+from mjmotion.footsteps.ankles import SHORTEST, relax_ankles, trim_toe_contacts
 from mjmotion.footsteps.contacts import (
     Contact,
     check_contacts,
@@ -192,6 +192,8 @@ def _with_paths(
     if relaxed != paths:
         paths, contacts = relaxed, trimmed
         shift = sunk(paths)
+    spots, shortest = (strides.spots, placed.footholds), SHORTEST * guess.fps
+    contacts = trim_toe_contacts(contacts, guess.character.feet, paths, spots, shortest)
     obstacles = find_obstacles(scene.model, guess.qpos[:, :3] + shift, placed.footholds)
     return Plan(guess, contacts, paths, strides.spots, placed.footholds, shift, obstacles)
 

@@ -7,7 +7,6 @@ little further than it must: a knee that is all but straight turns fast for litt
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 import mujoco
@@ -20,7 +19,7 @@ from mjmotion.body.kinematics import Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.body.reach import drop_to_reach
 from mjmotion.footsteps.contacts import Contact, contact_mask
-from mjmotion.footsteps.paths import FootPath
+from mjmotion.footsteps.paths import FootPath, turned_about_toes
 from mjmotion.footsteps.pelvis import DROP_TIME, LEAST_HEIGHT, REACH_FREE, REACH_MOST
 from mjmotion.numerics.rotations import cross, dot, exp, multiply, normalized, rotate
 from mjmotion.numerics.smoothing import cover, envelope
@@ -163,9 +162,7 @@ class Legs:
             tip = envelope(np.minimum(need, most), ~free, TIP_TIME * fps)
             zero = np.zeros_like(tip)
             quat = multiply(path.quat, exp(np.stack((zero, tip, zero), axis=-1)))
-            rolled.append(
-                dataclasses.replace(path, quat=quat, position=toe - rotate(quat, foot.toe))
-            )
+            rolled.append(turned_about_toes(path, foot, quat))
         return tuple(rolled)
 
 

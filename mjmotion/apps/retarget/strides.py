@@ -23,6 +23,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds, find_stances
 from mjmotion.footsteps.paths import FootPath, foot_path
+from mjmotion.numerics.rotations import from_matrix
 from mjmotion.numerics.smoothing import ease
 from mjmotion.scene.ground import Ground
 
@@ -186,13 +187,14 @@ class Strides:
     def _on(self, guess: Motion) -> Pose:
         """Return the guess's poses with its feet as the source's, to its own feet's measure."""
         pose = Kinematics(guess.model, guess.nframe).forward(guess.qpos)
-        place, turn = pose.site_xpos.copy(), pose.site_xmat.copy()
+        place, turn, bodies = (x.copy() for x in (pose.site_xpos, pose.site_xmat, pose.xquat))
         anchors = [stance.source_pos for stance in self.stances]
         legs = self.legs
         for index in self.standing():
             mine, theirs = self.feet[index], self.source[index]
             column, other = site_id(pose.model, mine.site), site_id(self.pose.model, theirs.site)
-            long = np.linalg.norm(mine.toe - mine.heel) / np.linalg.norm(theirs.toe - theirs.heel)
+            long = np.linalg.norm(mine.front - mine.heel)
+            long = long / np.linalg.norm(theirs.front - theirs.heel)
             anchor = self.blended(index, anchors)
             along = self._following(index)
             besides = long * (self.pose.site_xpos[:, other] - anchor - along)
@@ -203,7 +205,10 @@ class Strides:
             besides *= 1.0 + (most - 1.0) * swinging
             place[:, column] = anchor + self.scale * along + besides
             turn[:, column] = self.pose.site_xmat[:, other]
-        return dataclasses.replace(pose, site_xpos=place, site_xmat=turn)
+            if mine.toes is not None:
+                quat = from_matrix(turn[:, column])
+                bodies[:, mine.toes.body] = mine.toes.placed(quat, theirs.bend(self.pose))
+        return dataclasses.replace(pose, site_xpos=place, site_xmat=turn, xquat=bodies)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from mjmotion.apps.edit import Span
 from mjmotion.apps.edit.hold import Held, keep
 from mjmotion.apps.edit.local import LocalEdit
-from mjmotion.apps.session.edits import Drag, Edit, Footprint, Pin, Settings
+from mjmotion.apps.edit.window import Window
+from mjmotion.apps.session.edits import Drag, Edit, Footprint, Pin, Settings, Vector
 from mjmotion.body.kinematics import site_id, site_positions
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
@@ -70,22 +71,20 @@ def apply(edit: Edit, before: Step, ground: Ground | None = None) -> Step:
       SessionError: frames that there are not, or a foot that does not stand there.
       ModelError: an unknown site.
     """
-    first, end = edit.frames
-    if not 0 <= first < end <= before.motion.nframe:
-        raise SessionError(
-            f"frames {first} to {end - 1} are not within the clip's 0 to {before.motion.nframe - 1}"
-        )
+    _check_frames(edit.frames, before.motion)
     if isinstance(edit, Drag):
-        return _drag(edit, before)
+        return Grab.of(before, edit.site, edit.frame, edit.settings).to(edit.position)
     if isinstance(edit, Pin):
         return _pin(edit, before)
     return _footprint(edit, before, ground)
 
 
-def _drag(edit: Drag, before: Step) -> Step:
-    span = Span(edit.frame, edit.settings.frames_per_knot, before.motion.nframe)
-    asked = SiteConstraint(edit.site, np.array([edit.frame]), np.array([edit.position]))
-    return _made(before, span, [asked], edit.settings)
+def _check_frames(frames: tuple[int, int], motion: Motion) -> None:
+    first, end = frames
+    if not 0 <= first < end <= motion.nframe:
+        raise SessionError(
+            f"frames {first} to {end - 1} are not within the clip's 0 to {motion.nframe - 1}"
+        )
 
 
 def _pin(edit: Pin, before: Step) -> Step:
@@ -97,18 +96,76 @@ def _pin(edit: Pin, before: Step) -> Step:
         return dataclasses.replace(before, pinned=pinned, frames=np.empty(0, np.int64))
     span = Span(edit.start, edit.settings.frames_per_knot, motion.nframe, len(frames))
     asked = SiteConstraint(edit.site, frames, np.tile(edit.position, (len(frames), 1)))
-    return _made(before, span, [asked], edit.settings)
+    return _made(*_prepared(before, span, [asked], edit.settings), [asked], edit.settings)
 
 
-def _made(before: Step, span: Span, asked: list[SiteConstraint], settings: Settings) -> Step:
-    """Return the step after an edit that asks for sites at places."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class Grab:
+    """A site taken hold of at one frame: what drags to one place after another have in common.
+
+    Attributes:
+      site: name of the site.
+      frame: at which frame.
+      before: what there is.
+      settings: how edits are carried out.
+      window: the frames that follow.
+      local: what is done to them.
+      pinned: what earlier edits asked for and this does not replace.
+    """
+
+    site: str
+    frame: int
+    before: Step
+    settings: Settings
+    window: Window
+    local: LocalEdit
+    pinned: tuple[SiteConstraint, ...]
+
+    @classmethod
+    def of(cls, before: Step, site: str, frame: int, settings: Settings) -> Grab:
+        """Take hold.
+
+        Raises:
+          SessionError: a frame that there is not.
+          ModelError: an unknown site.
+        """
+        _check_frames((frame, frame + 1), before.motion)
+        span = Span(frame, settings.frames_per_knot, before.motion.nframe)
+        here = SiteConstraint(site, np.array([frame]), np.zeros((1, 3)))
+        return cls(site, frame, before, settings, *_prepared(before, span, [here], settings))
+
+    def to(self, position: Vector) -> Step:
+        """Return what the motion comes to when the site is dragged there [m]."""
+        asked = SiteConstraint(self.site, np.array([self.frame]), np.array([position]))
+        return _made(self.window, self.local, self.pinned, [asked], self.settings)
+
+
+def _prepared(
+    before: Step, span: Span, asked: list[SiteConstraint], settings: Settings
+) -> tuple[Window, LocalEdit, tuple[SiteConstraint, ...]]:
+    """Return what an edit of some sites at some frames needs, wherever they are to go."""
     motion = before.motion
     pinned = _not_replaced(before.pinned, asked, motion.model, settings.frames_per_knot)
-    held = keep(motion, before.contacts, span, asked, settings.hold, pinned)
-    edit = LocalEdit(motion, span, held, asked, rigidity_of(motion.model, settings), ik=settings.ik)
-    moved, held, trace = edit.run(settings.knots, TOLERANCE, settings.exact)
-    reached = [_reached(one, moved) for one in asked]
-    return Step(moved, held.contacts, (*pinned, *reached), trace, span.frames)
+    window = Window.of(motion, before.contacts, span, pinned)
+    mine = window.constraints(asked)
+    held = keep(window.motion, window.contacts, window.span, mine, settings.hold, window.pinned)
+    rigidity = rigidity_of(motion.model, settings)
+    return window, LocalEdit(window.motion, window.span, held, rigidity, ik=settings.ik), pinned
+
+
+def _made(
+    window: Window,
+    local: LocalEdit,
+    pinned: tuple[SiteConstraint, ...],
+    asked: list[SiteConstraint],
+    settings: Settings,
+) -> Step:
+    """Return the step after an edit that asks for sites at places."""
+    mine = window.constraints(asked)
+    moved, held, trace = local.run(mine, settings.knots, TOLERANCE, settings.exact)
+    reached = window.whole_constraints([_reached(one, moved) for one in mine])
+    whole, contacts = window.put_back(moved, held.contacts)
+    return Step(whole, contacts, (*pinned, *reached), trace, window.low + window.span.frames)
 
 
 def _reached(asked: SiteConstraint, moved: Motion) -> SiteConstraint:
@@ -173,10 +230,13 @@ def _footprint(edit: Footprint, before: Step, ground: Ground | None) -> Step:
     number = sides.index(edit.side)
     start, end = stay(before.contacts, edit.side, edit.frame)
     span = Span(start, edit.settings.frames_per_knot, motion.nframe, end - start)
-    held = keep(motion, before.contacts, span, (), "feet", before.pinned)
-    share = _share(before.contacts, edit.side, (start, end), span)
+    window = Window.of(motion, before.contacts, span, before.pinned)
+    part = window.span
+    held = keep(window.motion, window.contacts, part, (), "feet", window.pinned)
+    stance = part.frame, part.last + 1
+    share = _share(window.contacts, edit.side, stance, part)
     path = held.paths[number]
-    old, new = _moved_foothold(edit, motion, number, held, (start, end), ground)
+    old, new = _moved_foothold(edit, window.motion, number, held, stance, ground)
     move = new.position - old.position
     turn = log(multiply(new.quat, conjugate(old.quat)))
     quat = multiply(exp(share[:, None] * turn), path.quat)
@@ -185,19 +245,17 @@ def _footprint(edit: Footprint, before: Step, ground: Ground | None) -> Step:
     position = old.position + share[:, None] * move + rotate(exp(share[:, None] * turn), place)
     moved_path = dataclasses.replace(path, position=position, quat=quat)
     paths = (*held.paths[:number], moved_path, *held.paths[number + 1 :])
-    held = dataclasses.replace(held, paths=paths)
-    guess = share[:, None] * move / len(sides)
-    edit_ = LocalEdit(
-        motion,
-        span,
-        held,
-        [],
+    local = LocalEdit(
+        window.motion,
+        part,
+        dataclasses.replace(held, paths=paths),
         rigidity_of(motion.model, edit.settings),
-        guess=guess,
+        guess=share[:, None] * move / len(sides),
         ik=edit.settings.ik,
     )
-    moved, held, trace = edit_.run(edit.settings.knots, TOLERANCE, edit.settings.exact)
-    return Step(moved, held.contacts, before.pinned, trace, span.frames)
+    moved, held, trace = local.run((), edit.settings.knots, TOLERANCE, edit.settings.exact)
+    whole, contacts = window.put_back(moved, held.contacts)
+    return Step(whole, contacts, before.pinned, trace, span.frames)
 
 
 def stay(contacts: Sequence[Contact], side: str, frame: int) -> tuple[int, int]:

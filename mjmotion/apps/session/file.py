@@ -19,7 +19,9 @@ from typing import Any
 import numpy as np
 
 from mjmotion.apps.session.edits import from_json, settings_from_json, to_json
-from mjmotion.apps.session.session import EditSession, State
+from mjmotion.apps.session.history import State
+from mjmotion.apps.session.session import EditSession
+from mjmotion.body.assets import asset_names, find_asset
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import MotionError, SessionError
 from mjmotion.footsteps.contacts import Contact
@@ -90,7 +92,7 @@ def load_session(path: str | Path, clip: Motion | str | Path | None = None) -> E
     """Read a session and make its edits.
 
     Args:
-      path: the file.
+      path: the file, or the name of one of ours.
       clip: the clip, where it is not any more what the file names.
 
     Raises:
@@ -98,6 +100,8 @@ def load_session(path: str | Path, clip: Motion | str | Path | None = None) -> E
       MotionError: the clip or the scene cannot be read, or does not take the edits.
     """
     path = Path(path)
+    if not path.exists() and path.name in asset_names("session"):
+        path = find_asset("session", path)
     value = _read(path)
     where = f"session '{path}'"
     try:

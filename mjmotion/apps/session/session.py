@@ -21,8 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.apps.adaptation import adapt, as_clip
 from mjmotion.apps.edit.span import Span
-from mjmotion.apps.session.applying import Step, apply
-from mjmotion.apps.session.edits import Edit, Footprint, Settings
+from mjmotion.apps.session.applying import Grab, Step, apply
+from mjmotion.apps.session.edits import Drag, Edit, Footprint, Settings
+from mjmotion.apps.session.history import Change, Moves, Side, State
 from mjmotion.apps.session.scene_parts import moved_scene
 from mjmotion.body.kinematics import site_id, site_positions
 from mjmotion.body.motion import Motion
@@ -30,57 +31,12 @@ from mjmotion.clips import load_clip
 from mjmotion.constraints import SiteConstraint, lay_out
 from mjmotion.constraints.unmet import find_unmet
 from mjmotion.exceptions import SessionError
-from mjmotion.fitting import Trace
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
 from mjmotion.output.result import Result
 from mjmotion.scene import Scene, SceneLike, with_ground
 from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
-Moves = tuple[tuple[str, tuple[float, float, float]], ...]
-
-
-@dataclasses.dataclass(frozen=True)
-class State:
-    """What a session asks of its clip.
-
-    Attributes:
-      edits: in their order.
-      contacts: who stands when in the clip; None for those that are found in it.
-      scene_moves: how far parts of the scene were moved, by name [m].
-      settings: of the next edit.
-    """
-
-    edits: tuple[Edit, ...] = ()
-    contacts: tuple[Contact, ...] | None = None
-    scene_moves: Moves = ()
-    settings: Settings = dataclasses.field(default_factory=Settings)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Side:
-    """One side of a change: the state, what goes with it, and the rows of the motion that differ.
-
-    ``motions`` are source and motion as a whole where the model is another one.
-    """
-
-    state: State
-    contacts: tuple[Contact, ...]
-    pinned: tuple[SiteConstraint, ...]
-    trace: Trace | None
-    frames: NDArray[np.int64]
-    rows: Array
-    motions: tuple[Motion, Motion] | None
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Change:
-    """What undo and redo go back and forth between, from ``first`` up to ``end``."""
-
-    first: int
-    end: int
-    before: _Side
-    after: _Side
 
 
 class EditSession:
@@ -126,8 +82,9 @@ class EditSession:
         self._state = State(contacts=given, settings=settings or Settings())
         self._bases: dict[tuple[object, Moves], tuple[Motion, Step]] = {}
         self._source, self._step = self._base(self._state)
-        self._done: list[_Change] = []
-        self._undone: list[_Change] = []
+        self._grab: Grab | None = None
+        self._done: list[Change] = []
+        self._undone: list[Change] = []
 
     # What there is
 
@@ -211,7 +168,18 @@ class EditSession:
         Raises:
           SessionError, ModelError: as :func:`mjmotion.apps.session.apply`.
         """
-        return apply(edit, self._step, self._ground(self._state))
+        if not isinstance(edit, Drag):
+            return apply(edit, self._step, self._ground(self._state))
+        grab = self._grab  # of the drag before: the same site, dragged on
+        if grab is None or (grab.before, grab.site, grab.frame, grab.settings) != (
+            self._step,
+            edit.site,
+            edit.frame,
+            edit.settings,
+        ):
+            grab = Grab.of(self._step, edit.site, edit.frame, edit.settings)
+        self._grab = grab
+        return grab.to(edit.position)
 
     def do(self, edit: Edit, step: Step | None = None) -> None:
         """Add an edit.
@@ -364,7 +332,7 @@ class EditSession:
         differ = np.flatnonzero((old.view(np.int64) != new.view(np.int64)).any(axis=1))
         first, end = (int(differ[0]), int(differ[-1]) + 1) if len(differ) else (0, 0)
         sides = [
-            _Side(
+            Side(
                 what,
                 one.contacts,
                 one.pinned,
@@ -378,11 +346,11 @@ class EditSession:
                 (state, step, source),
             )
         ]
-        self._done.append(_Change(first, end, sides[0], sides[1]))
+        self._done.append(Change(first, end, sides[0], sides[1]))
         self._undone.clear()
         self._state, self._step, self._source = state, step, source
 
-    def _go(self, change: _Change, side: _Side) -> None:
+    def _go(self, change: Change, side: Side) -> None:
         """Put one side of a change in place of the other."""
         if side.motions is not None:
             self._source, motion = side.motions
