@@ -515,6 +515,11 @@ def test_what_is_kept_aside_is_offered_and_restored(tmp_path: Path) -> None:
     do.release()
     settle(do)
     assert load_session(keep.path).edits == do.settled.edits
+    do.undo()
+    settle(do)
+    assert not keep.path.exists()  # nothing is left to lose
+    do.redo()
+    settle(do)
 
     again = Intents(EditSession("walk"), autosave=Autosave(keep.path))
     assert again.autosave is not None
