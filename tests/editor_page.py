@@ -42,6 +42,7 @@ def report(page: Any) -> State:
         "playing": do.clock.playing,
         "dragged": None if do.dragged is None else [do.dragged.kind, do.dragged.name],
         "edits": [type(one).__name__ for one in do.settled.edits],
+        "contacts": [[one.site, one.start, one.end] for one in do.settled.contacts],
         "undo": do.settled.undo,
         "redo": do.settled.redo,
         "knots": do.settled.settings.frames_per_knot,

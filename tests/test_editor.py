@@ -451,6 +451,23 @@ def test_figures_are_measured_after_a_while(do: Intents) -> None:
     assert True in {row.ok for row in rows.values()}
 
 
+@pytest.mark.parametrize(
+    ("body", "sites"),
+    [
+        ("left_hand", {"left_hand"}),
+        ("left_forearm", {"left_hand"}),
+        ("right_upper_arm", {"right_hand"}),
+        ("right_shank", {"right_heel", "right_toe", "right_foot"}),
+        ("left_thigh", {"pelvis"}),
+        ("torso", {"pelvis"}),
+        ("neck", {"head_top", "face"}),
+        ("left_foot", {"left_heel", "left_toe", "left_foot"}),
+    ],
+)
+def test_every_body_has_a_site_that_moves_for_it(walk: Shown, body: str, sites: set[str]) -> None:
+    assert set(walk.sites_near(body)) == sites
+
+
 # --- stage, files, opening ------------------------------------------------------------------------
 
 
@@ -498,6 +515,11 @@ def test_what_is_kept_aside_is_offered_and_restored(tmp_path: Path) -> None:
     do.release()
     settle(do)
     assert load_session(keep.path).edits == do.settled.edits
+    do.undo()
+    settle(do)
+    assert not keep.path.exists()  # nothing is left to lose
+    do.redo()
+    settle(do)
 
     again = Intents(EditSession("walk"), autosave=Autosave(keep.path))
     assert again.autosave is not None

@@ -26,6 +26,7 @@ FRAME = 45  # the left foot stands, and no hand is before the pelvis
 # Where things of the page are at that size [pixel]: the timeline is 162 high, and its frames
 # begin 92 + 8 from the left; the slider of frames a knot is the first of the panel.
 RULER_Y = SIZE[1] - 118
+ROWS = ("left_heel", "left_toe", "right_heel", "right_toe")  # 16 high each, edits, pins below
 KNOTS_SLIDER = ((40, 125), (90, 125))
 
 
@@ -156,6 +157,38 @@ def test_sliders_and_keys(page: Page, browser: Browser) -> None:
     time.sleep(0.1)
     browser.hold("Space", "G")
     page.wait(lambda s: not s["playing"] and s["ghost"], "it pauses, with a ghost")
+
+
+def test_the_timeline_moves_contacts_and_draws_pins(page: Page, browser: Browser) -> None:
+    number, (site, _, end) = next(
+        (i, one) for i, one in enumerate(page.state["contacts"]) if one[0] == "left_heel"
+    )
+    y = RULER_Y + 10 + ROWS.index(site) * 16 + 16
+    slide(browser, (x_of(end - 0.5), y), (x_of(end - 4.5), y))
+    state = page.wait(lambda s: s["undo"] and not s["doing"], "a shorter contact")
+    assert [site, end - 4] in [[one[0], one[2]] for one in state["contacts"]]
+    assert len(state["contacts"]) > number
+    undo(page, browser)
+
+    take(page, browser, "left_hand")
+    browser.up()
+    browser.hold()
+    page.wait(lambda s: not s["dragged"] and s["selected"] == "left_hand", "a site is selected")
+    y = RULER_Y + 10 + (len(ROWS) + 1) * 16 + 16
+    slide(browser, (x_of(60), y), (x_of(80), y))
+    state = page.wait(lambda s: s["edits"] and not s["doing"], "a pin")
+    assert state["edits"] == ["Pin"]
+    undo(page, browser)
+
+
+def slide(browser: Browser, start: tuple[float, float], end: tuple[float, float]) -> None:
+    browser.move(start)
+    time.sleep(0.15)
+    browser.down()
+    time.sleep(0.15)
+    browser.move(end)
+    time.sleep(0.15)
+    browser.up()
 
 
 def test_one_controls_and_one_watches(page: Page, browser: Browser) -> None:

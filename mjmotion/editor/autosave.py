@@ -42,12 +42,16 @@ class Autosave:
         return cls(beside / f"{path.stem}{SUFFIX}")
 
     def keep(self, session: EditSession) -> None:
-        """Write a session.
+        """Write a session; one in which all was undone leaves nothing to keep.
 
         Raises:
           OutputError: it cannot be written.
+          OSError: it cannot be removed.
         """
-        save_session(self.path, session)
+        if session.can_undo or session.edits:
+            save_session(self.path, session)
+        else:
+            self.path.unlink(missing_ok=True)
 
     def restore(self) -> EditSession:
         """Return the session that was left.

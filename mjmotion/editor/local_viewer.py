@@ -14,6 +14,7 @@ All private names of Studio that this project relies on are in this file.
 from __future__ import annotations
 
 import logging
+import socket
 import threading
 import time
 from collections.abc import Awaitable, Callable, Sequence
@@ -70,22 +71,22 @@ class Pace:
             self._pages += pages
             self._ahead = 0
 
-    async def count(self, handler: Callable[[Any], Awaitable[None]], socket: Any) -> None:
+    async def count(self, handler: Callable[[Any], Awaitable[None]], connection: Any) -> None:
         """Handle a page's connection, and count what it tells."""
-        if socket.request is None or not socket.request.path.startswith("/ui"):
-            await handler(socket)
+        if connection.request is None or not connection.request.path.startswith("/ui"):
+            await handler(connection)
             return
-        receive = socket.recv
+        receive = connection.recv
 
         async def counted(*args: Any, **settings: Any) -> Any:
             message = await receive(*args, **settings)
             self.drawn()
             return message
 
-        socket.recv = counted
+        connection.recv = counted
         self.came(1)
         try:
-            await handler(socket)
+            await handler(connection)
         finally:
             self.came(-1)
 
@@ -137,7 +138,7 @@ class LocalViewer(web_viewer.WebViewer):
         origins, pace = self._origins(self._http_port), self._pace
 
         def serve(handler: Callable[[Any], Awaitable[None]], **settings: Any) -> Any:
-            return _serve(lambda socket: pace.count(handler, socket), origins=origins, **settings)
+            return _serve(lambda one: pace.count(handler, one), origins=origins, **settings)
 
         web_server.serve = serve
         start = web_server.WebServer.start
@@ -164,9 +165,14 @@ class LocalViewer(web_viewer.WebViewer):
         self._frames += 1
         if self._frames == LATE:
             self._web_server.start()
-            if self._started is not None:
-                self._started(self._http_port)
+        elif self._frames > LATE and self._started is not None and self._listens():
+            self._started(self._http_port)
+            self._started = None
         return frame
+
+    def _listens(self) -> bool:
+        """Whether the server's thread has come so far that a page is answered."""
+        return bool(self._http_sock.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN))
 
     @messages.handler(priority=messages.Priority.INTERNAL)
     def _on_post_model(self, event: messages.PostModelEvent) -> None:

@@ -218,14 +218,10 @@ class EditorPlugin(plugin.ViewerPlugin):
             self._grip = Grip(at, np.zeros(3), point)
 
     def site_of(self, body: int, point: Array) -> str:
-        """Return the site that moves for a body: its nearest to a point (3,), or the nearest."""
-        sites, model = self.do.settled.sites, self.do.settled.model
-        name = self._stage.model.body(body).name
-        own = [
-            one for one, site in sites.items() if model.body(model.site_bodyid[site]).name == name
-        ]
-        names = own or list(sites)
-        places = self.do.settled.places(names, slice(self.do.frame, self.do.frame + 1))[0]
+        """Return the site that moves for a body: of those on or near it that nearest to a point."""
+        shown = self.do.settled
+        names = shown.sites_near(self._stage.model.body(body).name)
+        places = shown.places(names, slice(self.do.frame, self.do.frame + 1))[0]
         return nearest(point, places, names)
 
     def _drag(self, view: View, at: Point) -> None:

@@ -96,6 +96,30 @@ class Shown:
             if model.body_rootid[model.site_bodyid[i]] == root and model.site(i).name
         }
 
+    def sites_near(self, body: str) -> tuple[str, ...]:
+        """Return the sites on a body, or on that which is the fewest joints away.
+
+        Of two as near it is the one further down the tree: an upper arm is moved by its hand.
+        """
+        model = self.model
+        start = model.body(body).id
+        above = _ancestors(model, start)
+        best: tuple[int, bool] | None = None
+        found: list[str] = []
+        for name, site in self.sites.items():
+            chain = _ancestors(model, int(model.site_bodyid[site]))
+            meet = next(i for i, one in enumerate(chain) if one in above)
+            rank = (meet + above.index(chain[meet]), chain[meet] != start)
+            if best is None or rank < best:
+                best, found = rank, []
+            if rank == best and (not found or self._same_body(found[0], name)):
+                found.append(name)
+        return tuple(found)
+
+    def _same_body(self, one: str, other: str) -> bool:
+        bodies = self.model.site_bodyid
+        return bool(bodies[self.sites[one]] == bodies[self.sites[other]])
+
     @cached_property
     def feet(self) -> Mapping[str, str]:
         """The sides of the feet by their sites: ``left_heel`` to ``left``; empty without feet."""
@@ -148,3 +172,11 @@ class Shown:
     def place(self, name: str, frame: int) -> Array:
         """Return where a site is (3,) [m] at a frame."""
         return np.array(self.table[frame, self.columns[name]])
+
+
+def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
+    """Return a body and all that carry it, up to the world."""
+    chain = [body]
+    while chain[-1]:
+        chain.append(int(model.body_parentid[chain[-1]]))
+    return chain
