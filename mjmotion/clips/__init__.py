@@ -29,6 +29,7 @@ __all__ = [
     "builtin_clips",
     "builtin_contacts",
     "find_rig",
+    "is_recording",
     "load_clip",
     "map_clip",
     "read_amc",
@@ -40,6 +41,11 @@ __all__ = [
 ]
 
 SUFFIXES = (".bvh", ".amc", ".npz", ".csv")
+
+
+def is_recording(what: str | Path) -> bool:
+    """Return whether this names a file of motion on a skeleton of its own, by its ending."""
+    return Path(what).suffix.lower() in (".bvh", ".amc")
 
 
 def builtin_clips() -> dict[str, Callable[[Character], Motion]]:
