@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mjmotion.cli.describe import describe_motion
-from mjmotion.clips import Clip, map_clip, read_clip
+from mjmotion.clips import Clip, map_clip
 from mjmotion.clips.rig import FoundRoles, find_rig, find_roles
 from mjmotion.clips.rig_file import mapping_text
 from mjmotion.exceptions import ClipError, OutputError
@@ -14,21 +14,20 @@ WIDTH = 44  # of the tree, in characters; what is said about a joint stands behi
 
 
 def describe_recording(
-    what: str, mapping: Path | None, fps: float | None, write: Path | None
+    clip: Clip, what: str, mapping: Path | None, write: Path | None
 ) -> list[str]:
     """Return lines about a recording: its tree with roles, and the motion that comes of it.
 
     Args:
-      what: the file.
+      clip: the recording.
+      what: what the user calls it.
       mapping: a mapping file of the user.
-      fps: rate in place of the file's.
       write: where to write what was found as a mapping file.
 
     Raises:
-      ClipError: the file cannot be read, or the mapping is wrong.
+      ClipError: the mapping is wrong.
       OutputError: the mapping file cannot be written.
     """
-    clip = read_clip(what, fps=fps)
     roles = find_roles(clip)
     lines = [
         f"clip        {what}",

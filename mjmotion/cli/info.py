@@ -16,6 +16,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", metavar="FILE|NAME|DIR", help="what to describe")
     parser.add_argument("--mapping", type=Path, help="of a recording: which joint is which")
     parser.add_argument("--fps", type=positive, help="of a recording: its rate")
+    parser.add_argument("--asf", type=Path, help="of an AMC file: its skeleton")
     parser.add_argument(
         "--write-mapping",
         type=Path,
@@ -29,15 +30,16 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.cli.describe import describe
     from mjmotion.cli.describe_rig import describe_recording
     from mjmotion.cli.terminal import say
-    from mjmotion.clips import is_recording
+    from mjmotion.clips import is_recording, read_clip
     from mjmotion.exceptions import MotionError
 
     if is_recording(args.what):
-        say(*describe_recording(args.what, args.mapping, args.fps, args.write_mapping))
+        clip = read_clip(args.what, fps=args.fps, asf=args.asf)
+        say(*describe_recording(clip, args.what, args.mapping, args.write_mapping))
         return 0
-    if args.mapping or args.fps or args.write_mapping:
+    if args.mapping or args.fps or args.asf or args.write_mapping:
         raise MotionError(
-            f"'{args.what}' is no recording: leave --mapping, --fps and --write-mapping"
+            f"'{args.what}' is no recording: leave --mapping, --fps, --asf and --write-mapping"
         )
     say(*describe(args.what))
     return 0
