@@ -400,8 +400,9 @@ def test_directions_are_kept(model: mujoco.MjModel) -> None:
 def test_mapping_file(model: mujoco.MjModel, tmp_path: Path) -> None:
     clip = figure("LAFAN1")
     renamed = Clip(**{**clip.__dict__, "joint_names": tuple(f"j{i}" for i in range(18))})
+    legless = {**clip.__dict__, "parents": np.r_[-1, np.zeros(17, int)]}
     with pytest.raises(ClipError, match=r"no joint found for pelvis, left_hip.*mapping file"):
-        find_rig(renamed)
+        find_rig(Clip(**{**legless, "joint_names": renamed.joint_names}))
     roles = find_rig(clip).joints
     joints = {role: f"j{clip.index(joint)}" for role, joint in roles.items()}
     lines = "".join(f"  {role}: {joint}\n" for role, joint in joints.items())

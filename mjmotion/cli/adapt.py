@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mjmotion.cli.arguments import add_fitting, add_folder, add_reading, add_thresholds
+
+if TYPE_CHECKING:
+    from mjmotion.body.motion import Motion
 
 HELP = "adapt a clip to a scene, validate it and make a video"
 EXAMPLE = "mjmotion adapt walk --scene terrain --out out/walk"
@@ -20,6 +23,7 @@ DEFAULTS: dict[str, Any] = {
     "character": "humanoid",
     "mapping": None,
     "fps": None,
+    "asf": None,
     "free_footholds": False,
     "threshold": [],
 }
@@ -28,7 +32,7 @@ DEFAULTS: dict[str, Any] = {
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument(
-        "clip", metavar="CLIP", help="BVH, AMC, CSV or NPZ file, or a built-in name"
+        "clip", metavar="CLIP", help="BVH, AMC, GLB, CSV or NPZ file, or a built-in name"
     )
     parser.add_argument(
         "--scene", required=True, help="MJCF file, or the name of one of our scenes"
@@ -56,7 +60,6 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.apps.adaptation import adapt
     from mjmotion.cli.run import prepare, tell, write
     from mjmotion.cli.terminal import Bar
-    from mjmotion.clips import load_clip
     from mjmotion.constraints import load_constraints
     from mjmotion.constraints.unmet import check_free
     from mjmotion.footsteps.contacts import load_contacts
@@ -67,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     with Bar() as bar, result_folder(args.out, args.force) as folder:
         bar("reading scene and clip")
         scene = load_scene(args.scene)
-        clip = load_clip(args.clip, args.character, mapping=args.mapping, fps=args.fps)
+        clip = _read(args)
         contacts = load_contacts(args.contacts, clip.model, clip.nframe) if args.contacts else None
         own = (
             load_constraints(args.constraints, clip.model, clip.nframe) if args.constraints else ()
@@ -87,3 +90,17 @@ def run(args: argparse.Namespace) -> int:
         title = f"{Path(args.clip).stem} on {scene.name}"
         validation = write(folder, result, thresholds, args, bar, title=title)
     return tell(args, result, validation, title=title)
+
+
+def _read(args: argparse.Namespace) -> Motion:
+    """Return the clip, and say what is odd about a recording."""
+    from mjmotion.cli.terminal import warn
+    from mjmotion.clips import is_recording, load_clip, map_recording
+
+    how = {"mapping": args.mapping, "fps": args.fps, "asf": args.asf}
+    if not is_recording(args.clip):
+        return load_clip(args.clip, args.character, **how)
+    mapped = map_recording(args.clip, args.character, **how)
+    for note in mapped.notes:
+        warn(f"note: {note}")
+    return mapped.motion

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-MOTION_HELP = "BVH, AMC, CSV or NPZ file, a built-in name, or a result folder"
+MOTION_HELP = "BVH, AMC, GLB, CSV or NPZ file, a built-in name, or a result folder"
 
 
 def levels(text: str) -> tuple[float, ...]:
@@ -130,9 +130,10 @@ def add_fitting(
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Add what tells how a recording is read: ``--character``, ``--mapping``, ``--fps``."""
+    """Add how a recording is read: ``--character``, ``--mapping``, ``--fps``, ``--asf``."""
     parser.add_argument("--character", help="MJCF file or the name of a model: humanoid")
     parser.add_argument("--mapping", type=Path, help="YAML file: which joint of the clip is which")
     parser.add_argument(
         "--fps", type=positive, help="rate of the clip, where its file tells none or a wrong one"
     )
+    parser.add_argument("--asf", type=Path, help="skeleton of an AMC file: the one beside it")

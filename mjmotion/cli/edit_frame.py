@@ -143,7 +143,7 @@ def run(args: argparse.Namespace) -> int:
     with Bar() as bar, result_folder(args.out, args.force) as folder:
         bar("reading the motion")
         motion, contacts = read_motion(
-            args.motion, args.character, mapping=args.mapping, fps=args.fps
+            args.motion, args.character, mapping=args.mapping, fps=args.fps, asf=args.asf
         )
         if args.contacts:
             contacts = load_contacts(args.contacts, motion.model, motion.nframe)

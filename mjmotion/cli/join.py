@@ -73,7 +73,8 @@ def join_clips(
     with Bar() as bar, result_folder(args.out, args.force) as folder:
         bar("reading clips")
         given = [
-            read_motion(name, args.character, mapping=args.mapping, fps=args.fps) for name in names
+            read_motion(name, args.character, mapping=args.mapping, fps=args.fps, asf=args.asf)
+            for name in names
         ]
         clips = [one.motion for one in given]
         bar("overlaps and blends")

@@ -77,7 +77,9 @@ def run(args: argparse.Namespace) -> int:
         motion, contacts = (
             paper_walk(args.character or "humanoid")
             if args.clip is None
-            else read_motion(args.clip, args.character, mapping=args.mapping, fps=args.fps)
+            else read_motion(
+                args.clip, args.character, mapping=args.mapping, fps=args.fps, asf=args.asf
+            )
         )
         if args.contacts:
             contacts = load_contacts(args.contacts, motion.model, motion.nframe)

@@ -55,7 +55,9 @@ def run(args: argparse.Namespace) -> int:
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
         bar("reading motion and models")
-        given = read_motion(args.motion, args.character, mapping=args.mapping, fps=args.fps)
+        given = read_motion(
+            args.motion, args.character, mapping=args.mapping, fps=args.fps, asf=args.asf
+        )
         motion = given.motion
         body, own = Character.load(args.to), scene_of(motion.character)
         scene = load_scene(args.scene or "flat") if args.scene or own is None else own

@@ -15,6 +15,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.clips.asf import read_amc
 from mjmotion.clips.bvh import read_bvh
 from mjmotion.clips.mapping import Mapped, map_clip, to_motion
+from mjmotion.clips.reading import SUFFIXES, is_recording, not_read, read_clip
 from mjmotion.clips.rig import ROLES, Rig, find_rig
 from mjmotion.clips.skeleton import Clip
 from mjmotion.clips.table import read_csv, write_csv
@@ -29,8 +30,10 @@ __all__ = [
     "builtin_clips",
     "builtin_contacts",
     "find_rig",
+    "is_recording",
     "load_clip",
     "map_clip",
+    "map_recording",
     "read_amc",
     "read_bvh",
     "read_clip",
@@ -38,8 +41,6 @@ __all__ = [
     "to_motion",
     "write_csv",
 ]
-
-SUFFIXES = (".bvh", ".amc", ".npz", ".csv")
 
 
 def builtin_clips() -> dict[str, Callable[[Character], Motion]]:
@@ -63,23 +64,28 @@ def builtin_contacts(name: str) -> tuple[Contact, ...] | None:
     return climb_contacts()
 
 
-def read_clip(path: str | Path, *, fps: float | None = None) -> Clip:
-    """Read a BVH or AMC file as a clip on its own skeleton.
+def map_recording(
+    path: str | Path,
+    character: CharacterLike = "humanoid",
+    *,
+    mapping: str | Path | Mapping[str, Any] | None = None,
+    fps: float | None = None,
+    asf: str | Path | None = None,
+) -> Mapped:
+    """Read a recording and put it on the humanoid, with the notes of what was found on the way.
 
     Args:
-      path: the file.
-      fps: rate to take in place of the file's, such as for an AMC that is not at 120.
+      path: a file for which :func:`is_recording` holds.
+      character: the humanoid, with or without a scene, or what names it.
+      mapping: mapping file, or its content (see :mod:`mjmotion.clips.rig_file`).
+      fps: rate of the frames in place of the file's own.
+      asf: for .amc: the skeleton, where it is not found beside the file.
 
     Raises:
-      ClipError: the file is missing, damaged, or of another kind.
+      ClipError: the file is damaged, or its skeleton cannot be mapped.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix == ".bvh":
-        clip = read_bvh(path)
-        return clip if fps is None else clip.at_rate(fps)
-    if suffix == ".amc":
-        return read_amc(path) if fps is None else read_amc(path, fps=fps)
-    raise ClipError(f"'{path}' is not a recording on a skeleton: give a .bvh or .amc file")
+    clip = read_clip(path, fps=fps, asf=asf)
+    return map_clip(clip, character, find_rig(clip, mapping))
 
 
 def load_clip(
@@ -88,15 +94,18 @@ def load_clip(
     *,
     mapping: str | Path | Mapping[str, Any] | None = None,
     fps: float | None = None,
+    asf: str | Path | None = None,
 ) -> Motion:
     """Return a clip as a motion of the humanoid.
 
     Args:
-      path_or_name: a .bvh, .amc, .npz or .csv file, or the name of a built-in clip.
+      path_or_name: a .bvh, .amc, .glb, .gltf, .npz or .csv file, or the name of a built-in clip.
       character: the humanoid, with or without a scene, or what names it; of .npz and .csv files,
         the character that they were made for.
-      mapping: for .bvh and .amc: mapping file, or its content (see :mod:`mjmotion.clips.rig`).
+      mapping: for recordings on a skeleton of their own: mapping file, or its content (see
+        :mod:`mjmotion.clips.rig_file`).
       fps: rate of the frames in place of the file's own.
+      asf: for .amc: the skeleton, where it is not found beside the file.
 
     Raises:
       ClipError: no such file or name, a damaged file, a skeleton that cannot be mapped.
@@ -117,13 +126,12 @@ def load_clip(
             message = unknown_name("clip", str(path_or_name), names)
             raise ClipError(f"{message}; or give a file ({', '.join(SUFFIXES)})")
         motion = names[str(path_or_name)](character)
-    elif suffix in (".bvh", ".amc"):
-        clip = read_clip(path, fps=fps)
-        return to_motion(clip, character, find_rig(clip, mapping))
+    elif is_recording(path) or asf is not None:
+        return map_recording(path, character, mapping=mapping, fps=fps, asf=asf).motion
     elif suffix == ".npz":
         motion = Motion.load(path, character)
     elif suffix == ".csv":
         motion = read_csv(path, character, fps=fps)
     else:
-        raise ClipError(f"'{path}' is of no known kind: give one of {', '.join(SUFFIXES)}")
+        raise not_read(path, f"it is of no known kind: give one of {', '.join(SUFFIXES)}")
     return motion if fps is None else Motion(character, motion.qpos, fps)

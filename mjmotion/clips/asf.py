@@ -83,16 +83,29 @@ def read_amc(path: str | Path, skeleton: str | Path | None = None, *, fps: float
 
 
 def _skeleton_file(path: Path) -> Path:
-    """Return the skeleton file that belongs to an AMC file."""
-    stem = path.stem
-    for name in (stem, stem.rpartition("_")[0] or stem):
-        for suffix in (".asf", ".ASF"):
-            if (path.parent / f"{name}{suffix}").is_file():
-                return path.parent / f"{name}{suffix}"
+    """Return the skeleton file that belongs to an AMC file.
+
+    Of 02_01.amc that is 02_01.asf, else 02.asf, else the longest name that the AMC's begins with
+    (HDM_bd.asf of HDM_bd_01-01.amc), else the only one; beside the file, else a folder up.
+    """
     if not path.is_file():
         raise ClipError(f"AMC file '{path}' does not exist: check the path")
+    stem = path.stem.lower()
+    seen: list[str] = []
+    for folder in (path.parent, path.absolute().parent.parent):
+        files = sorted(file for file in folder.iterdir() if file.suffix.lower() == ".asf")
+        own = [file for file in files if stem.startswith(file.stem.lower())]
+        # The longest, and 02 of 02_01 before 0.
+        own = [file for file in own if not stem[len(file.stem) :][:1].isalnum()] or own
+        if own:
+            return max(own, key=lambda file: len(file.stem))
+        if len(files) == 1:
+            return files[0]
+        seen += [file.name for file in files]
+    beside = f"; there are {', '.join(seen[:5])}" if seen else ""
     raise ClipError(
-        f"'{path}' needs its skeleton: put {stem}.asf or {stem.split('_')[0]}.asf beside it"
+        f"'{path}' needs its skeleton: put {path.stem}.asf or {path.stem.split('_')[0]}.asf beside"
+        f" it, or give it as --asf FILE{beside}"
     )
 
 

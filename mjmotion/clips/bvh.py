@@ -27,11 +27,12 @@ class _Hierarchy:
         self.ends: dict[str, NDArray[np.float64]] = {}
 
 
-def read_bvh(path: str | Path) -> Clip:
+def read_bvh(path: str | Path, *, fps: float | None = None) -> Clip:
     """Read a BVH file.
 
     Args:
       path: the file.
+      fps: frames a second in place of the file's frame time, be that right, wrong or missing.
 
     Returns:
       The clip in the file's own units and axes.
@@ -48,7 +49,7 @@ def read_bvh(path: str | Path) -> Clip:
     if at is None:
         raise ClipError(f"'{path}' ends before MOTION: the file is cut off, export it again")
     nchannel = sum(len(names) for names in tree.channels)
-    values, fps = _read_motion(path, lines, at, nchannel)
+    values, rate = _read_motion(path, lines, at, nchannel, fps)
     offsets = np.array(tree.offsets)
     translations = np.broadcast_to(offsets, (len(values), *offsets.shape)).copy()
     local = np.broadcast_to(np.eye(3), (*translations.shape, 3)).copy()
@@ -63,7 +64,7 @@ def read_bvh(path: str | Path) -> Clip:
             column += 1
     parents = np.array(tree.parents)
     return pose_skeleton(
-        str(path), tuple(tree.names), parents, offsets, translations, local, fps, tree.ends
+        str(path), tuple(tree.names), parents, offsets, translations, local, rate, tree.ends
     )
 
 
@@ -192,24 +193,33 @@ class _HierarchyParser:
 
 
 def _read_motion(
-    path: str | Path, lines: list[str], at: int, nchannel: int
+    path: str | Path, lines: list[str], at: int, nchannel: int, fps: float | None
 ) -> tuple[NDArray[np.float64], float]:
     """Return the values (nframe, nchannel) and the rate from the lines after MOTION."""
     body = [(n, line.split()) for n, line in enumerate(lines[at + 1 : at + 20], at + 2)]
     body = [(n, words) for n, words in body if words][:2]
     try:
-        (_, frames), (start, rate) = body
-        if frames[0].lower() != "frames:" or [w.lower() for w in rate[:2]] != ["frame", "time:"]:
+        start, frames = body[0]
+        if frames[0].lower() != "frames:":
             raise ValueError
-        nframe, frame_time = int(frames[1]), float(rate[2])
+        nframe, frame_time = int(frames[1]), float("nan")
+        if len(body) > 1 and [word.lower() for word in body[1][1][:2]] == ["frame", "time:"]:
+            start, rate = body[1]
+            frame_time = float(rate[2]) if fps is None else frame_time
+        elif fps is None:
+            raise ValueError
     except (ValueError, IndexError):
         raise ClipError(
-            f"'{path}' line {at + 1}: MOTION needs 'Frames: N' and 'Frame Time: S': mend the file"
+            f"'{path}' line {at + 1}: MOTION needs 'Frames: N' and 'Frame Time: S': mend the file,"
+            " or give the rate as --fps"
         ) from None
     if nframe <= 0:
         raise ClipError(f"'{path}' has no frames: export the clip again with its motion")
-    if not (np.isfinite(frame_time) and frame_time > 0):
-        raise ClipError(f"'{path}' has a frame time of {frame_time} s: it must be positive")
+    if fps is None and not (np.isfinite(frame_time) and frame_time > 0):
+        raise ClipError(
+            f"'{path}' has a frame time of {frame_time} s: it must be positive; give the rate as"
+            " --fps"
+        )
     rows = [line for line in lines[start:] if line.strip()]
     if len(rows) < nframe:
         raise ClipError(
@@ -229,6 +239,9 @@ def _read_motion(
             f" {nchannel} channels: mend the file or export it again",
             (wrong,),
         )
+    if fps is not None:
+        return values, fps
     # A frame time is written with few digits (0.0083333): snap to the whole rate it stands for.
-    fps = 1 / frame_time
-    return values, float(round(fps)) if abs(fps - round(fps)) < 1e-4 * fps else fps
+    rate_said = 1 / frame_time
+    whole = abs(rate_said - round(rate_said)) < 1e-4 * rate_said
+    return values, float(round(rate_said)) if whole else rate_said

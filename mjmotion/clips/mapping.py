@@ -83,7 +83,7 @@ def map_clip(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Ma
     clip, dropped = drop_rest_frame(clip)
     clip, mended = mend_glitches(clip)
     source = make_upright(clip, rig, humanoid.leg)
-    notes = [note for note in (dropped, mended) if note]
+    notes = [*rig.notes, *(note for note in (dropped, mended) if note)]
     notes.append(f"up axis {source.up_axis}, 1 unit of the file is {source.scale:.6g} m")
     body = _trunk(source)
     root = (source.position("left_hip") + source.position("right_hip")) / 2
@@ -236,14 +236,13 @@ def _spine(source: UprightClip) -> list[int]:
             path.append(int(clip.parents[path[-1]]))
         return path[::-1]
 
-    left = line(clip.index(source.rig.joints["left_shoulder"]))
-    right = line(clip.index(source.rig.joints["right_shoulder"]))
+    left, right = (line(clip.index(source.rig.joints[f"{side}_shoulder"])) for side in SIDES)
     shared = [a for a, b in zip(left, right, strict=False) if a == b]
     if source.has("chest"):
         shared = line(clip.index(source.rig.joints["chest"]))
     pelvis = clip.index(source.rig.joints["pelvis"])
-    above = shared[shared.index(pelvis) + 1 :] if pelvis in shared else shared[-1:]
-    return above or [pelvis]
+    below = line(pelvis)  # it may be beside the spine: both hang on what is above them
+    return [joint for joint in shared if joint not in below] or [pelvis]
 
 
 def _middle(source: UprightClip, part: str) -> Array:

@@ -1,95 +1,38 @@
-"""Which joint of a clip's skeleton plays which role of the humanoid: by name, or by a mapping file.
+"""Which joint of a clip's skeleton plays which role of the humanoid: by its place in the tree.
 
-A mapping file (YAML or JSON) for a skeleton with names of its own:
-
-    joints:                 # role: joint of the clip; roles left out are found by name
-      pelvis: Root
-      left_hip: leg_l_upper
-    up: z                   # optional: x, y, z, -x, -y or -z; found from the clip otherwise
-    scale: 0.01             # optional: metres of the humanoid per unit of the file
-    ignore: [left_wrist]    # optional: roles to leave at rest
+``mjmotion info CLIP`` shows what was found and why; ``--write-mapping FILE`` writes it as a mapping
+file (see :mod:`mjmotion.clips.rig_file`), in which a user says what was not.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mjmotion.clips.joint_names import LIMB, OPTIONAL, REQUIRED, ROLES, SIDES, best_names
+from mjmotion.clips.rig_file import read_mapping
+from mjmotion.clips.sides import find_sides
 from mjmotion.clips.skeleton import Clip
+from mjmotion.clips.tree import PointTree
+from mjmotion.clips.tree_roles import find_tree_roles
 from mjmotion.exceptions import ClipError, unknown_name
 
-SIDES = ("left", "right")
-_CENTRE = ("pelvis", "chest", "neck", "head")
-_LIMB = ("hip", "knee", "ankle", "toe", "shoulder", "elbow", "wrist", "hand")
-ROLES = _CENTRE + tuple(f"{side}_{part}" for side in SIDES for part in _LIMB)
-_OPTIONAL = {"chest", "neck", "head"} | {
-    f"{side}_{part}" for side in SIDES for part in ("toe", "wrist", "hand")
-}
-REQUIRED = tuple(role for role in ROLES if role not in _OPTIONAL)
+__all__ = ["OPTIONAL", "REQUIRED", "ROLES", "SIDES", "FoundRoles", "Rig", "find_rig", "find_roles"]
 
-# Role to names, best first, lower case and without separators; {s} stands for the side.
-_NAME_SETS: dict[str, dict[str, str]] = {
-    "CMU": {
-        "pelvis": "root",
-        "chest": "thorax",
-        "neck": "lowerneck",
-        "head": "upperneck head",  # the skull begins there; 'head' is its upper half
-        "hip": "{s}femur",
-        "knee": "{s}tibia",
-        "ankle": "{s}foot",
-        "toe": "{s}toes",
-        "shoulder": "{s}humerus",
-        "elbow": "{s}radius",
-        # CMU splits the forearm: 'wrist' is the half that turns, 'hand' begins at the wrist.
-        "wrist": "{s}hand {s}wrist",
-        "hand": "{s}fingers",
-    },
-    "CMU under MotionBuilder's names": {
-        "pelvis": "hips",
-        "chest": "spine1",
-        "neck": "neck",
-        "head": "neck1",
-        "hip": "{s}upleg",
-        "knee": "{s}leg",
-        "ankle": "{s}foot",
-        "toe": "{s}toebase",
-        "shoulder": "{s}arm",
-        "elbow": "{s}forearm",
-        "wrist": "{s}fingerbase",
-        "hand": "{s}handindex1",
-    },
-    "Mixamo, LAFAN1, MotionBuilder": {
-        "pelvis": "hips hip pelvis",
-        "chest": "",
-        "neck": "neck",
-        "head": "head",
-        "hip": "{s}upleg {s}upperleg {s}thigh",
-        "knee": "{s}leg {s}lowleg {s}lowerleg {s}shin {s}calf",
-        "ankle": "{s}foot",
-        "toe": "{s}toebase {s}toe {s}toes {s}toe0",
-        "shoulder": "{s}arm {s}uparm {s}upperarm",
-        "elbow": "{s}forearm {s}lowarm {s}lowerarm",
-        "wrist": "{s}hand",
-        "hand": "{s}handindex1 {s}handmiddle1 {s}finger0",
-    },
-    "joints by their anatomy": {
-        "pelvis": "hips pelvis root hip",
-        "chest": "",
-        "neck": "neck",
-        "head": "head",
-        "hip": "{s}hip",
-        "knee": "{s}knee",
-        "ankle": "{s}ankle",
-        "toe": "{s}toe {s}toes {s}toebase {s}foot",
-        "shoulder": "{s}shoulder",
-        "elbow": "{s}elbow",
-        "wrist": "{s}wrist",
-        "hand": "{s}hand",
-    },
+_PLACES = {
+    "pelvis": "where the legs meet",
+    "neck": "over the shoulders",
+    "head": "on top",
+    "hip": "where the leg begins",
+    "knee": "middle of the leg",
+    "ankle": "end of the shank",
+    "toe": "ahead of the ankle",
+    "shoulder": "where the arm begins",
+    "elbow": "middle of the arm",
+    "wrist": "end of the forearm",
+    "hand": "beyond the wrist",
 }
 
 
@@ -101,115 +44,166 @@ class Rig:
       joints: role to joint name; every role of ``REQUIRED`` is there.
       up: the file's vertical axis (``"y"``, ``"-z"``, ...), or None to find it in the clip.
       scale: metres of the humanoid per unit of the file, or None to take it from the legs.
+      notes: what the reader of a report should know, a line each.
     """
 
     joints: Mapping[str, str]
     up: str | None = None
     scale: float | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class FoundRoles:
+    """What was found about a skeleton, be it enough or not.
+
+    Attributes:
+      joints: role to joint name.
+      reasons: role to why.
+      notes: what is odd about the skeleton, a line each.
+    """
+
+    joints: Mapping[str, str]
+    reasons: Mapping[str, str]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """The required roles without a joint."""
+        return tuple(role for role in REQUIRED if role not in self.joints)
 
 
 def find_rig(clip: Clip, mapping: str | Path | Mapping[str, Any] | None = None) -> Rig:
-    """Find each role's joint, by the names of the common skeletons or as a mapping says.
+    """Find each role's joint, by the tree of joints and their names, or as a mapping says.
 
     Args:
       clip: the clip.
-      mapping: a mapping file (module docstring), or its content.
+      mapping: a mapping file (:mod:`mjmotion.clips.rig_file`), or its content.
 
     Raises:
-      ClipError: a required role has no joint, or the mapping is malformed or names unknown things.
+      ClipError: a required role has no joint, a joint has two roles, or the mapping is malformed or
+        names unknown things.
     """
-    content = _read_mapping(mapping) if mapping is not None else {}
-    found = _best_names(clip)
+    content = read_mapping(mapping) if mapping is not None else {}
+    given: dict[str, str] = {}
     for role, joint in content.get("joints", {}).items():
         if role not in ROLES:
             raise ClipError(f"mapping: {unknown_name('role', str(role), ROLES)}")
+        if joint is None:  # a line of a written mapping that was not filled in
+            continue
         if joint not in clip.joint_names:
             raise ClipError(
                 f"mapping of {role}: {unknown_name('joint', str(joint), clip.joint_names)}"
             )
-        found[role] = str(joint)
-    missing = [role for role in REQUIRED if role not in found]
-    if missing:
+        given[role] = str(joint)
+    ignored = content.get("ignore", ())
+    for role in ignored:
+        if role not in OPTIONAL:
+            raise ClipError(f"mapping: ignore: {unknown_name('role', str(role), OPTIONAL)}")
+    roles = find_roles(clip, given)
+    joints = {role: joint for role, joint in roles.joints.items() if role not in ignored}
+    _check_once(joints, given)
+    if roles.missing:
         raise ClipError(
-            f"'{clip.name}': no joint found for {', '.join(missing)} among"
+            f"'{clip.name}': no joint found for {', '.join(roles.missing)} among"
             f" {', '.join(clip.joint_names[:12])}{', …' if len(clip.joint_names) > 12 else ''}:"
-            " give a mapping file with lines 'role: joint' under 'joints:'"
+            " see 'mjmotion info' of it, whose --write-mapping writes a mapping file to fill in"
         )
-    for role in content.get("ignore", ()):
-        if role not in _OPTIONAL:
-            raise ClipError(f"mapping: ignore: {unknown_name('role', str(role), _OPTIONAL)}")
-        found.pop(role, None)
-    return Rig(found, content.get("up"), content.get("scale"))
+    return Rig(joints, content.get("up"), content.get("scale"), roles.notes)
 
 
-def _best_names(clip: Clip) -> dict[str, str]:
-    """Return role to joint from the name set that finds most roles."""
-    plain: dict[str, str] = {}
-    for name in clip.joint_names:
-        plain.setdefault(_simplified(name), name)
-    best: dict[str, str] = {}
-    for names in _NAME_SETS.values():
-        found = {}
-        for role in ROLES:
-            side, _, part = role.rpartition("_")
-            for pattern in names[part].split():
-                matches = [name for name in _spellings(pattern, side) if name in plain]
-                if matches:
-                    found[role] = plain[matches[0]]
-                    break
-        required = sum(role in found for role in REQUIRED), len(found)
-        if required > (sum(role in best for role in REQUIRED), len(best)):
-            best = found
-    # Only a whole skeleton counts: one lone match may well be a chance.
-    return best
+def find_roles(clip: Clip, given: Mapping[str, str] | None = None) -> FoundRoles:
+    """Find which joint plays which role, as far as that can be seen.
+
+    Args:
+      clip: the clip.
+      given: role to joint, as a user says; these are taken.
+    """
+    given = {} if given is None else given
+    named = best_names(clip.joint_names)
+    found = _by_tree(clip, named, given)
+    if found is None:
+        reasons = dict.fromkeys(named, "its name")
+        found = FoundRoles(named, reasons)
+    joints, reasons = dict(found.joints), dict(found.reasons)
+    for role, joint in given.items():
+        joints[role], reasons[role] = joint, "the mapping"
+    ordered = {role: joints[role] for role in ROLES if role in joints}
+    return FoundRoles(ordered, reasons, found.notes)
 
 
-def _spellings(pattern: str, side: str) -> list[str]:
-    """Return the ways to write a side and a part: leftarm, larm, armleft, arml."""
-    if not side:
-        return [pattern]
-    part = pattern.replace("{s}", "")
-    return [side + part, side[0] + part, part + side, part + side[0]]
+def _by_tree(clip: Clip, named: Mapping[str, str], given: Mapping[str, str]) -> FoundRoles | None:
+    """Return the roles by the tree, or None where no body is seen in it."""
+    tree = PointTree.of(clip)
+    parts: dict[str, set[int]] = {}
+    for role, joint in named.items():
+        parts.setdefault(role.rpartition("_")[2], set()).add(clip.joint_names.index(joint))
+    roles = find_tree_roles(tree, {part: frozenset(points) for part, points in parts.items()})
+    if roles is None:
+        return None
+    sides = find_sides(tree, roles, clip.joint_names)
+    first_is_left = _given_side(clip, tree, given, (roles.legs, roles.arms))
+    notes: tuple[str, ...] = ()
+    why = "the mapping"
+    if first_is_left is None:
+        if sides is None:
+            return None
+        first_is_left, why = sides.first_is_left, sides.why
+        if sides.mirrored:
+            notes = (
+                f"the recording is mirrored: {why} is not to the sides that its names say;"
+                " left and right were exchanged",
+            )
+    joints, reasons = {}, {}
+    for role, point in roles.centre.items():
+        joints[role], reasons[role] = clip.joint_names[point], _PLACES[role]
+    for pair in (roles.legs, roles.arms):
+        for side, limb in zip(SIDES, pair if first_is_left else pair[::-1], strict=True):
+            for part, point in limb.items():
+                joints[f"{side}_{part}"] = clip.joint_names[point]
+                reasons[f"{side}_{part}"] = f"{_PLACES[part]}; {side} by {why}"
+    chest = named.get("chest")
+    if chest is not None and chest not in joints.values():
+        line = tree.lines[roles.arms[0]["shoulder"]]
+        if clip.joint_names.index(chest) in line:
+            joints["chest"], reasons["chest"] = chest, "its name"
+    for role, joint in joints.items():
+        if named.get(role) == joint and reasons[role] != "its name":
+            reasons[role] += ", and its name"
+    return FoundRoles(joints, reasons, notes)
 
 
-def _simplified(name: str) -> str:
-    """Return a joint name without namespace, common prefix, separators and case."""
-    name = re.split(r"[:|]", name)[-1]
-    name = re.sub(r"[\s_.\-]", "", name).lower()
-    return re.sub(r"^(mixamorig\d*|bip0*1|character\d+|skeleton|skel)(?=.)", "", name)
+def _given_side(
+    clip: Clip,
+    tree: PointTree,
+    given: Mapping[str, str],
+    pairs: tuple[tuple[Mapping[str, int], Mapping[str, int]], ...],
+) -> bool | None:
+    """Return whether the first side is left by what the user says, or None where that is silent."""
+    votes = 0
+    for role, joint in given.items():
+        side, _, part = role.rpartition("_")
+        point = clip.joint_names.index(joint)
+        for pair in pairs if part in LIMB else ():
+            for sign, limb in zip((1, -1), pair, strict=True):
+                last = max(limb.values(), key=lambda p: len(tree.lines[p]))
+                # On the way to a limb's end, but below where both sides meet.
+                other = pair[0] if sign < 0 else pair[1]
+                shared = tree.lines[next(iter(other.values()))]
+                if point in (*tree.lines[last], *tree.below[last]) and point not in shared:
+                    votes += sign if side == "left" else -sign
+    return None if votes == 0 else votes > 0
 
 
-def _read_mapping(mapping: str | Path | Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the checked content of a mapping."""
-    if isinstance(mapping, Mapping):
-        where, content = "mapping", dict(mapping)
-    else:
-        where, content = f"mapping file '{mapping}'", _load(Path(mapping))
-    if not isinstance(content, dict) or not isinstance(content.get("joints", {}), dict):
-        raise ClipError(f"{where}: it needs 'joints:' with lines 'role: joint'")
-    extra = set(content) - {"joints", "up", "scale", "ignore"}
-    if extra:
-        valid = ("joints", "up", "scale", "ignore")
-        raise ClipError(f"{where}: {unknown_name('key', str(sorted(map(str, extra))[0]), valid)}")
-    if content.get("up") is not None and not re.fullmatch(r"[+-]?[xyz]", str(content["up"])):
-        raise ClipError(f"{where}: up is '{content['up']}': write x, y, z, -x, -y or -z")
-    scale = content.get("scale")
-    if scale is not None and not (isinstance(scale, int | float) and 0 < scale < float("inf")):
-        raise ClipError(f"{where}: scale is '{scale}': write the metres per unit of the file")
-    if not isinstance(content.get("ignore", []), list | tuple):
-        raise ClipError(f"{where}: ignore must be a list of roles")
-    return content
-
-
-def _load(path: Path) -> Any:
-    """Return what a YAML or JSON file holds."""
-    import yaml
-
-    try:
-        text = path.read_text(encoding="utf-8")
-        return json.loads(text) if path.suffix.lower() == ".json" else yaml.safe_load(text)
-    except FileNotFoundError:
-        raise ClipError(f"mapping file '{path}' does not exist: check the path") from None
-    except (OSError, UnicodeDecodeError, ValueError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise ClipError(f"mapping file '{path}' cannot be read: {reason}") from None
+def _check_once(joints: Mapping[str, str], given: Mapping[str, str]) -> None:
+    """Raise ClipError where a joint has two roles."""
+    seen: dict[str, str] = {}
+    for role, joint in joints.items():
+        if joint in seen:
+            first = seen[joint]
+            by = [r + (" (the mapping)" if r in given else " (found)") for r in (first, role)]
+            raise ClipError(
+                f"joint '{joint}' has two roles, {by[0]} and {by[1]}: give each role a joint of"
+                " its own in the mapping file"
+            )
+        seen[joint] = role

@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 
 from mjmotion.exceptions import ClipError, frame_list
 
+_RATES = (0.1, 10_000.0)  # frames a second that a recording may have
+# Bytes that are letters of Shift-JIS and rare signs of Western texts.
+_KANA = range(0x81, 0xA0)
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Clip:
@@ -69,11 +73,9 @@ class Clip:
         """Return the same frames at another rate.
 
         Raises:
-          ClipError: the rate is not positive.
+          ClipError: no recording has such a rate.
         """
-        if not (np.isfinite(fps) and fps > 0):
-            raise ClipError(f"fps is {fps}: it must be a positive number")
-        return dataclasses.replace(self, fps=float(fps))
+        return dataclasses.replace(self, fps=checked_rate(self.name, fps))
 
     def cut(self, start: int, end: int) -> Clip:
         """Return frames ``start`` up to, not including, ``end``."""
@@ -105,7 +107,7 @@ def pose_skeleton(
       ends: end sites.
 
     Raises:
-      ClipError: no frames, values that are not finite, or a rate that is not positive.
+      ClipError: no frames, values that are not finite, or a rate that no recording has.
     """
     if len(local) == 0:
         raise ClipError(f"'{name}' has no frames: export the clip again with its motion")
@@ -117,8 +119,7 @@ def pose_skeleton(
             " mend the file",
             bad.tolist(),
         )
-    if not (np.isfinite(fps) and fps > 0):
-        raise ClipError(f"'{name}' has a rate of {fps} frames a second: give a positive one")
+    fps = checked_rate(name, fps)
     positions, rotations = np.empty_like(translations), np.empty_like(local)
     for joint, parent in enumerate(parents):
         if parent < 0:
@@ -129,6 +130,20 @@ def pose_skeleton(
             positions[:, joint] = positions[:, parent] + shift
             rotations[:, joint] = turn @ local[:, joint]
     return Clip(name, joint_names, parents, offsets, positions, rotations, float(fps), dict(ends))
+
+
+def checked_rate(name: str, fps: float) -> float:
+    """Return frames a second, as they are.
+
+    Raises:
+      ClipError: no recording has such a rate.
+    """
+    if not _RATES[0] <= fps <= _RATES[1]:
+        raise ClipError(
+            f"'{name}' has a rate of {fps:g} frames a second: give the right one as --fps, from"
+            f" {_RATES[0]:g} to {_RATES[1]:g}"
+        )
+    return float(fps)
 
 
 def axis_rotations(axis: str, angles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -143,19 +158,38 @@ def axis_rotations(axis: str, angles: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def read_text(path: str, kind: str) -> str:
-    """Return the text of a clip file.
+    """Return the text of a clip file, be it in Unicode, Shift-JIS or a Western code page.
 
     Raises:
       ClipError: the file is missing, not readable, or not text.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        data = Path(path).read_bytes()
     except FileNotFoundError:
         raise ClipError(f"{kind} file '{path}' does not exist: check the path") from None
-    except UnicodeDecodeError:
-        raise ClipError(f"'{path}' is not a {kind} file: it is not text") from None
     except OSError as error:
         raise ClipError(f"{kind} file '{path}' cannot be read: {error.strerror}") from None
+    text = _decoded(data)
+    if text is None:
+        raise ClipError(f"'{path}' is not a {kind} file: it is not text")
     if not text.strip():
         raise ClipError(f"{kind} file '{path}' is empty: export the clip again")
     return text
+
+
+def _decoded(data: bytes) -> str | None:
+    """Return bytes as text, or None where they are none."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        encodings = ["utf-16"]
+    elif b"\0" in data:
+        encodings = ["utf-8-sig"]
+    else:
+        high = [byte for byte in data if byte >= 0x80]
+        japanese = 4 * sum(byte in _KANA for byte in high) > len(high)
+        encodings = ["utf-8-sig", *(["cp932"] if japanese else []), "cp1252", "latin-1"]
+    for encoding in encodings:
+        try:
+            return data.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+    return None

@@ -88,6 +88,7 @@ def read_motion(
     *,
     mapping: str | Path | None = None,
     fps: float | None = None,
+    asf: str | Path | None = None,
 ) -> LoadedMotion:
     """Return a motion that a user named: a file, a built-in clip, or a result folder.
 
@@ -96,6 +97,7 @@ def read_motion(
       character: the character that a file's frames are for, or what names one; ours without.
       mapping: for a recording: which of its joints is which.
       fps: rate of a clip in place of its file's own.
+      asf: of an AMC file, its skeleton.
 
     Raises:
       ClipError: no such file or name, a damaged file, a skeleton that cannot be mapped.
@@ -104,7 +106,8 @@ def read_motion(
     """
     path = Path(what)
     if path.is_dir():
-        for option, value in (("character", character), ("mapping", mapping), ("fps", fps)):
+        given = (("character", character), ("mapping", mapping), ("fps", fps), ("skeleton", asf))
+        for option, value in given:
             if value is not None:
                 raise MotionError(f"'{path}' is a result folder and has its own {option}: leave it")
         result = read_results(path)
@@ -113,7 +116,7 @@ def read_motion(
                 f"'{path}' holds a morph, whose body changes: give a motion of one body"
             )
         return LoadedMotion(result.motion, result.contacts)
-    motion = load_clip(what, character or "humanoid", mapping=mapping, fps=fps)
+    motion = load_clip(what, character or "humanoid", mapping=mapping, fps=fps, asf=asf)
     return LoadedMotion(motion, builtin_contacts(str(what)))
 
 
