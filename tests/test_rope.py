@@ -99,7 +99,7 @@ def test_bad_ropes(wrong: dict[str, float], named: str) -> None:
 
 
 def test_with_a_character_it_is_one_model_that_plain_mujoco_loads(tmp_path: Path) -> None:
-    character = compose("humanoid", Scene.from_spec(rope(edge=0.2), "rope"))
+    character = compose("humanoid", Scene.from_spec(rope(edge=0.2), "rope"), moving=True)
     model = character.model
     assert (model.jnt_type[0], model.nq) == (mujoco.mjtJoint.mjJNT_FREE, 57 + 60)
     again = mujoco.MjModel.from_xml_path(str(save_model(character.spec, tmp_path)))

@@ -443,14 +443,25 @@ def test_compose_a_users_scene(
     assert not recwarn.list
 
 
-def test_compose_a_scene_that_moves_keeps_the_root_first(yard: Path, figure: Path) -> None:
-    text = yard.read_text().replace(
-        "<site name",
-        '<body name="crate" pos="2 0 1"><freejoint name="crate"/>'
-        '<geom type="box" size=".2 .2 .2"/></body><site name',
-    )
-    yard.write_text(text)
+CRATE = (
+    '<body name="crate" pos="2 0 1"><freejoint name="crate"/>'
+    '<geom name="box" type="box" size=".2 .2 .2"/></body><site name'
+)
+
+
+def test_a_scene_that_moves_stands_still_beside_a_character(yard: Path, figure: Path) -> None:
+    yard.write_text(yard.read_text().replace("<site name", CRATE))
     character = compose(figure, load_scene(yard))
+    model = character.model
+    assert [model.joint(i).name for i in range(model.njnt)] == ["root", "knee"]
+    assert model.body_weldid[model.body("crate").id] == 0
+    np.testing.assert_allclose(model.body("crate").pos, [2, 0, 1])
+    Motion(character, model.qpos0[None], 30.0)
+
+
+def test_a_scene_that_is_to_move_keeps_the_root_first(yard: Path, figure: Path) -> None:
+    yard.write_text(yard.read_text().replace("<site name", CRATE))
+    character = compose(figure, load_scene(yard), moving=True)
     model = character.model
     assert [model.joint(i).name for i in range(model.njnt)] == ["root", "knee", "crate"]
     with pytest.raises(ModelError, match="only free one"):  # whose motion would it be?
@@ -590,21 +601,6 @@ def test_bad_scene_files(name: str, tmp_path: Path) -> None:
 def test_unknown_scene_name_suggests_one() -> None:
     with pytest.raises(SceneError, match=re.escape("Did you mean 'terrain_doors'?")):
         load_scene("terain_door")
-
-
-@pytest.mark.parametrize(
-    ("element", "message"),
-    [
-        ('<geom name="hip" size=".1"/>', "hip"),
-        ('<body name="shank"><geom size=".1"/></body>', "shank"),
-        ('<site name="toe"/>', "toe"),
-    ],
-)
-def test_names_that_clash(element: str, message: str, yard: Path, figure: Path) -> None:
-    yard.write_text(USER_SCENE.replace("EXTRA", element))
-    with pytest.raises(SceneError, match=message) as caught:
-        compose(figure, load_scene(yard))
-    assert "\n" not in str(caught.value) and "rename" in str(caught.value)
 
 
 @pytest.mark.parametrize(

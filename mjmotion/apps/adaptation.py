@@ -73,7 +73,8 @@ def adapt(  # more than eight parameters: all but the first two have a default
 
     Args:
       clip: the walk, on level ground at z = 0; or a file or built-in name, put on the humanoid.
-      scene: where it is to walk; or the name of one of ours, or an MJCF file.
+      scene: where it is to walk; or the name of one of ours, or an MJCF file. What could move in
+        it stands at its rest pose; for that of a keyframe give ``Scene.at_rest(keyframe)``.
       contacts: who stands when; found in the clip without.
       constraints: more that must hold; where they name a foot, they override its foothold.
       free_footholds: let footholds move as a whole to where the walk changes least (§7).
@@ -86,7 +87,7 @@ def adapt(  # more than eight parameters: all but the first two have a default
       SceneError: no ground under the walk, or a doorway that cannot be passed.
       ClipError, ContactError, ConstraintError, ModelError, FitError: bad input.
     """
-    motion, scene = as_clip(clip), Scene.of(scene)
+    motion, scene = as_clip(clip), Scene.of(scene).at_rest()
     check_constraints(constraints)
     composed = compose(motion.character, scene)
     progress("contacts and footholds", 0, 0)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.geom_points import body_points
-from mjmotion.body.kinematics import Pose, site_id
+from mjmotion.body.kinematics import Pose, root_body, site_id
 from mjmotion.exceptions import ModelError
 from mjmotion.numerics.rotations import conjugate, exp, from_matrix, log, multiply, rotate
 
@@ -156,7 +156,8 @@ def find_feet(model: mujoco.MjModel) -> tuple[Foot, ...]:
     Raises:
       ModelError: there are none, or their sites are on different bodies.
     """
-    names = [model.site(i).name for i in range(model.nsite)]
+    mine = model.body_rootid[model.site_bodyid] == root_body(model)  # not a bystander's
+    names = [model.site(int(i)).name for i in np.flatnonzero(mine)]
     feet = []
     for name in names:
         if not name.endswith("_heel"):

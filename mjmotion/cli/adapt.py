@@ -6,7 +6,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjmotion.cli.arguments import add_fitting, add_folder, add_reading, add_thresholds
+from mjmotion.cli.arguments import (
+    add_fitting,
+    add_folder,
+    add_keyframe,
+    add_reading,
+    add_thresholds,
+)
 
 if TYPE_CHECKING:
     from mjmotion.body.motion import Motion
@@ -15,6 +21,7 @@ HELP = "adapt a clip to a scene, validate it and make a video"
 EXAMPLE = "mjmotion adapt walk --scene terrain --out out/walk"
 
 DEFAULTS: dict[str, Any] = {
+    "keyframe": None,
     "contacts": None,
     "constraints": None,
     "levels": None,
@@ -37,6 +44,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scene", required=True, help="MJCF file, or the name of one of our scenes"
     )
+    add_keyframe(parser)
     add_folder(parser)
     parser.add_argument(
         "--contacts", type=Path, help="contacts.json to use instead of finding them"
@@ -69,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
         bar("reading scene and clip")
-        scene = load_scene(args.scene)
+        scene = load_scene(args.scene).at_rest(args.keyframe)
         clip = _read(args)
         contacts = load_contacts(args.contacts, clip.model, clip.nframe) if args.contacts else None
         own = (

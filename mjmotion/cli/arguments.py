@@ -108,6 +108,15 @@ def add_folder(parser: argparse.ArgumentParser, default: str | None = None) -> N
     parser.add_argument("--force", action="store_true", help="replace earlier results in --out")
 
 
+def add_keyframe(parser: argparse.ArgumentParser) -> None:
+    """Add ``--keyframe``: where what could move in a scene stands."""
+    parser.add_argument(
+        "--keyframe",
+        metavar="NAME",
+        help="keyframe of the scene that tells where what can move in it stands: its rest pose",
+    )
+
+
 def add_fitting(
     parser: argparse.ArgumentParser, default: tuple[float, ...] | None = None, solver: bool = True
 ) -> None:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from mjmotion.cli.arguments import MOTION_HELP, add_fitting, add_folder, add_reading, add_thresholds
+from mjmotion.cli.arguments import (
+    MOTION_HELP,
+    add_fitting,
+    add_folder,
+    add_keyframe,
+    add_reading,
+    add_thresholds,
+)
 
 HELP = "move a motion to a character of other proportions, its contacts kept"
 EXAMPLE = "mjmotion retarget walk --to climber --out out/climber"
@@ -28,6 +35,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--scene",
         help="MJCF file, or the name of one of our scenes: flat, or that of a result folder",
     )
+    add_keyframe(parser)
     parser.add_argument(
         "--contacts", type=Path, help="contacts.json: who stands, and what hands hold, and when"
     )
@@ -61,6 +69,7 @@ def run(args: argparse.Namespace) -> int:
         motion = given.motion
         body, own = Character.load(args.to), scene_of(motion.character)
         scene = load_scene(args.scene or "flat") if args.scene or own is None else own
+        scene = scene.at_rest(args.keyframe)
         contacts = given.contacts
         if args.contacts:
             contacts = load_contacts(args.contacts, motion.model, motion.nframe)

@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.body.kinematics import Kinematics, site_id
+from mjmotion.body.kinematics import Kinematics, root_body, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, wrong_type
 
@@ -79,8 +79,9 @@ class ContactSettings:
 
 
 def contact_sites(model: mujoco.MjModel) -> list[str]:
-    """Return the sites that can stand: those named ``*_heel`` and ``*_toe``."""
-    names = [model.site(i).name for i in range(model.nsite)]
+    """Return the character's sites that can stand: those named ``*_heel`` and ``*_toe``."""
+    mine = model.body_rootid[model.site_bodyid] == root_body(model)
+    names = [model.site(int(i)).name for i in np.flatnonzero(mine)]
     return [name for name in names if name.endswith(_SUFFIXES)]
 
 

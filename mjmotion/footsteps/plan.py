@@ -102,6 +102,7 @@ def make_plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = N
       ModelError: the character has no feet.
       SceneError: no ground under the walk.
     """
+    scene = scene.at_rest()  # what could move is an obstacle and ground like the rest
     source = place(clip, scene)
     feet = clip.character.feet
     found = (

@@ -6,11 +6,8 @@ character.model, character.spec
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -19,40 +16,55 @@ from numpy.typing import NDArray
 from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.joint_limits import LIMIT_PREFIX
 from mjmotion.exceptions import MotionError, SceneError, mujoco_message
+from mjmotion.scene.quiet import quiet
+from mjmotion.scene.renaming import asset_name, free_name, rename_shared
+from mjmotion.scene.rest import drop_idle
 from mjmotion.scene.scene import Scene, SceneLike, load_scene
 
 _SUNSHINE = (-0.45, 0.25, -1.0)  # direction: the side to the right of the walk is lit
+_INERTIA_SETTINGS = (
+    *("balanceinertia", "boundmass", "boundinertia"),
+    *("inertiafromgeom", "inertiagrouprange", "alignfree"),
+)
 _SUN_DISTANCE = 12.0  # nothing behind the light casts a shadow, so it stands over the scene
 
 
-def compose(character: CharacterLike, scene: SceneLike) -> Character:
+def compose(character: CharacterLike, scene: SceneLike, *, moving: bool = False) -> Character:
     """Return a character in a scene: one model of both.
 
-    The character's names stay as they are and its root is the first joint, so ``qpos[:, :7]`` is
-    the root and ``qpos[:, :character.nq]`` the character even where the scene has joints of its
-    own. What the character's file has directly in its world (a floor or lamp to look at it alone)
-    stays behind. Options, lights and visual settings are the scene's; a scene without a light or a
-    sky gets one, and the offscreen buffer is at least 1920 × 1080. Assets and default classes of
-    the same name in both are told apart by renaming the scene's.
+    The scene stands still, as :meth:`mjmotion.scene.Scene.at_rest` says, so all joints are the
+    character's; and what acts on nothing there, such as tendons, stays behind. The character's
+    names stay as they are; where the scene has an element of the same name, that is renamed. What
+    the character's file has directly in its world (a floor or lamp to look at it alone) stays
+    behind. Options, lights and visual settings are the scene's; a scene without a light or a sky
+    gets one, and the offscreen buffer is at least 1920 × 1080.
 
     Args:
       character: the character, or what names one.
       scene: the scene, or what names one.
+      moving: keep the scene's joints, to simulate it. The root is the first joint all the same, so
+        that ``qpos[:, :character.nq]`` is the character; names of joints and what refers to them
+        must then differ.
 
     Raises:
       ModelError: the character does not exist, does not compile, or has no free root.
-      SceneError: a body, joint, geom or other element has the same name in both.
+      SceneError: the scene cannot stand still, or not be put together with the character.
     """
     character, scene = Character.of(character), Scene.of(scene)
+    scene = scene if moving else scene.at_rest()
     spec, stage = character.spec.copy(), scene.spec.copy()
-    for key in list(stage.keys):  # states of the scene alone mean nothing once it has a character
-        stage.delete(key)
+    if moving:
+        for key in list(stage.keys):  # states of the scene alone mean nothing with a character
+            stage.delete(key)
+    else:
+        drop_idle(stage)
+        _as_heavy_as(spec, stage)
     _strip_stage(spec, keep_sky=not any(_is_sky(texture) for texture in stage.textures))
-    _rename_assets(stage, spec)
-    _rename_classes(stage, spec)
+    rename_shared(stage, spec)
     for group in ("option", "visual", "stat"):
         _copy_settings(getattr(spec, group), getattr(stage, group))
     spec.modelname = f"{spec.modelname} on {scene.name}"
+    _name_faces_fully(stage)
     _attach(spec, stage, scene.name)
     _dress(spec, scene.start_pos)
     spec = spec.copy()  # a copy does not repeat the attachment's warnings at every compilation
@@ -122,7 +134,7 @@ def scene_of(character: CharacterLike) -> Scene | None:
     spec.delete(next(body for body in spec.bodies if body.id == root))
     for kind, used in (("meshes", "meshname"), ("materials", "material")):
         names = {getattr(geom, used) for geom in spec.geoms}
-        for asset in [one for one in getattr(spec, kind) if _asset_name(one) not in names]:
+        for asset in [one for one in getattr(spec, kind) if asset_name(one) not in names]:
             spec.delete(asset)
     return Scene.from_spec(spec, name)
 
@@ -140,56 +152,28 @@ def _is_sky(texture: Any) -> bool:
     return bool(texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
 
 
-def _rename_assets(stage: mujoco.MjSpec, spec: mujoco.MjSpec) -> None:
-    """Give assets of ``stage`` another name where ``spec`` has one of that name and kind."""
-    renamed: dict[str, dict[str, str]] = {}
-    for kind in ("textures", "materials", "meshes", "hfields"):
-        taken = {_asset_name(asset) for asset in getattr(spec, kind)}
-        ours = {_asset_name(asset) for asset in getattr(stage, kind)}
-        renamed[kind] = {}
-        for asset in getattr(stage, kind):
-            old = _asset_name(asset)
-            if old and old in taken:
-                asset.name = renamed[kind][old] = _free_name(f"scene_{old}", taken | ours)
-    for material in stage.materials:
-        slots = list(material.textures)
-        material.textures = [renamed["textures"].get(name, name) for name in slots]
-    for geom in stage.geoms:
-        geom.material = renamed["materials"].get(geom.material, geom.material)
-        geom.meshname = renamed["meshes"].get(geom.meshname, geom.meshname)
-        geom.hfieldname = renamed["hfields"].get(geom.hfieldname, geom.hfieldname)
-    for site in stage.sites:
-        site.material = renamed["materials"].get(site.material, site.material)
+def _as_heavy_as(spec: mujoco.MjSpec, stage: mujoco.MjSpec) -> None:
+    """Let masses of the scene, which stands still, be found by the character's settings.
 
-
-def _rename_classes(stage: mujoco.MjSpec, spec: mujoco.MjSpec) -> None:
-    """Give default classes of ``stage`` another name where ``spec`` has one of that name.
-
-    MuJoCo attaches both and compiles, but what it then saves does not load. A spec has no list of
-    its classes; its MJCF has.
+    A file has one set of them: with two the model would compile but could not be saved.
     """
-    root = ElementTree.fromstring(spec.to_xml())
-    taken = {element.get("class", "main") for element in root.iter("default")}
-    for name in taken - {"main"}:
-        default = stage.find_default(name)
-        if default is not None:
-            new = f"scene_{name}"
-            while new in taken or stage.find_default(new) is not None:
-                new += "_"
-            default.name = new
+    for name in _INERTIA_SETTINGS:
+        setattr(stage.compiler, name, getattr(spec.compiler, name))
+    for body in stage.bodies:
+        body.explicitinertial = False
 
 
-def _asset_name(asset: Any) -> str:
-    """Return the name MuJoCo will know the asset by: its own, else its file's."""
-    return asset.name or Path(getattr(asset, "file", "")).stem
-
-
-def _free_name(name: str, taken: set[str]) -> str:
-    number, candidate = 1, name
-    while candidate in taken:
-        number += 1
-        candidate = f"{name}_{number}"
-    return candidate
+def _name_faces_fully(stage: mujoco.MjSpec) -> None:
+    """Write the files of cube textures with their folder, which once attached nobody knows."""
+    for texture in stage.textures:
+        folder = Path(stage.modelfiledir) / texture.compiler.texturedir
+        faces = list(texture.cubefiles)
+        if any(faces):
+            there = [bool(face) and (folder / face).is_file() for face in faces]
+            texture.cubefiles = [
+                str((folder / face).resolve()) if found else face
+                for face, found in zip(faces, there, strict=True)
+            ]
 
 
 def _copy_settings(target: Any, source: Any) -> None:
@@ -213,7 +197,7 @@ def _attach(spec: mujoco.MjSpec, stage: mujoco.MjSpec, name: str) -> None:
     the files of assets itself, so it does, and the warning would go to stderr and to a log file.
     """
     try:
-        with _quiet():
+        with quiet():
             spec.attach(stage, frame=spec.worldbody.add_frame(), prefix="")
     except (ValueError, mujoco.FatalError) as error:
         raise _clash(error, name) from error
@@ -239,7 +223,7 @@ def _dress(spec: mujoco.MjSpec, start: NDArray[np.float64]) -> None:
 def add_sky(spec: mujoco.MjSpec) -> None:
     """Add a skybox that pales towards the horizon."""
     spec.add_texture(
-        name=_free_name("sky", {texture.name for texture in spec.textures}),
+        name=free_name("sky", {texture.name for texture in spec.textures}),
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
         rgb1=(0.50, 0.66, 0.84),
@@ -255,7 +239,7 @@ def add_sun(spec: mujoco.MjSpec, target: tuple[float, float, float]) -> None:
     Its shadows reach as far around ``target`` as the model's extent.
     """
     spec.worldbody.add_light(
-        name=_free_name("sun", {light.name for light in spec.lights}),
+        name=free_name("sun", {light.name for light in spec.lights}),
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
         pos=tuple(np.add(target, np.multiply(-_SUN_DISTANCE, _SUNSHINE))),
         dir=_SUNSHINE,
@@ -264,14 +248,3 @@ def add_sun(spec: mujoco.MjSpec, target: tuple[float, float, float]) -> None:
         ambient=(0.0, 0.0, 0.0),
         castshadow=True,
     )
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep MuJoCo's own warnings off stderr and out of its log file."""
-    previous = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda message: None)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(previous)

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from mjmotion.body.assets import find_asset
 from mjmotion.exceptions import SceneError, mujoco_message
 from mjmotion.scene.ground import Ground
+from mjmotion.scene.quiet import quiet
+from mjmotion.scene.rest import moves, rest_spec
 
 START_SITE = "start"
 """Name of the site where a clip begins; its x-axis is the way it walks."""
@@ -55,6 +57,23 @@ class Scene:
         x, y, z = self.start_pos
         return f"<Scene {self.name!r}: {self.model.ngeom} geoms, start at {x:g} {y:g} {z:g}>"
 
+    def at_rest(self, keyframe: str | None = None) -> Scene:
+        """Return the scene with all that could move fixed at its rest pose, as an obstacle.
+
+        Joints go, and with them actuators, sensors, tendons, equalities, contact pairs and
+        keyframes; cloths, ropes and soft bodies become geoms. A scene in which nothing moves is
+        returned as it is.
+
+        Args:
+          keyframe: name of a keyframe of the scene's to take in place of its rest pose, ``qpos0``.
+
+        Raises:
+          SceneError: there is no such keyframe, or the scene does not compile without its joints.
+        """
+        if keyframe is None and not moves(self.model):
+            return self
+        return Scene.from_spec(rest_spec(self.spec, self.name, keyframe), self.name)
+
     @classmethod
     def of(cls, source: SceneLike) -> Scene:
         """Return a scene from whatever names one; a scene itself is returned as it is.
@@ -75,7 +94,8 @@ class Scene:
         """
         spec = spec.copy()
         try:
-            model = spec.compile()
+            with quiet():
+                model = spec.compile()
         except (ValueError, OSError, mujoco.FatalError) as error:
             raise SceneError(f"scene '{name}' does not compile: {mujoco_message(error)}") from error
         pos, yaw = _start(model, name)
@@ -92,7 +112,8 @@ def load_scene(name_or_path: str | Path) -> Scene:
     if path.suffix.lower() not in _FILE_LIKE:
         raise SceneError(f"scene '{path}' is not an MJCF file (.xml): give a MuJoCo model")
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        with quiet():
+            spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, OSError, mujoco.FatalError) as error:
         raise SceneError(
             f"scene '{path}' is not a MuJoCo model MuJoCo can read: {mujoco_message(error)}"

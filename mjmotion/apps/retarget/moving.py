@@ -94,7 +94,7 @@ def retarget(  # more than eight parameters: all but the first two have a defaul
       SceneError, ClipError, ConstraintError, FitError: bad input.
     """
     motion = motion if isinstance(motion, Motion) else load_clip(motion)
-    where, body = Scene.of(scene), without_scene(Character.of(to))
+    where, body = Scene.of(scene).at_rest(), without_scene(Character.of(to))
     if not same_joints(motion.character, body):
         body = with_soles(body)
     progress("contacts and footholds", 0, 0)

@@ -117,7 +117,7 @@ def climb_rope(
     progress("hanging up the ropes", 0, 0)
     length = beam - _END if length is None else length
     scene = Scene.from_spec(rope(beam=beam, length=length, edge=edge), "rope")
-    climbers = [compose(which, scene) for which in (ORIGINAL, other)]
+    climbers = [compose(which, scene, moving=True) for which in (ORIGINAL, other)]
     line = rope_points(climbers[0].model)
     places_along(plan_holds(), line.rest[0], line.length)  # out of reach is known before any work
     progress("climbing", 0, 0)

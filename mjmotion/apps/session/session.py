@@ -75,7 +75,7 @@ class EditSession:
         self.name = given_name if name is None else name
         self.character = character
         self.clip = clip if isinstance(clip, Motion) else load_clip(clip, character)
-        self.scene = None if scene is None else Scene.of(scene)
+        self.scene = None if scene is None else Scene.of(scene).at_rest()
         named = isinstance(scene, str | Path) or scene is None
         self.scene_name = (None if scene is None else str(scene)) if named else self._called()
         given = None if contacts is None else tuple(contacts)
