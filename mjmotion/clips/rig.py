@@ -13,12 +13,13 @@ A mapping file (YAML or JSON) for a skeleton with names of its own:
 from __future__ import annotations
 
 import dataclasses
-import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mjmotion.boundary.limits import real_number, shown
+from mjmotion.boundary.structured import read_structured
 from mjmotion.clips.skeleton import Clip
 from mjmotion.exceptions import ClipError, unknown_name
 
@@ -184,32 +185,29 @@ def _read_mapping(mapping: str | Path | Mapping[str, Any]) -> Mapping[str, Any]:
     if isinstance(mapping, Mapping):
         where, content = "mapping", dict(mapping)
     else:
-        where, content = f"mapping file '{mapping}'", _load(Path(mapping))
+        where = f"mapping file '{mapping}'"
+        content = read_structured(mapping, "mapping file", ClipError)
     if not isinstance(content, dict) or not isinstance(content.get("joints", {}), dict):
         raise ClipError(f"{where}: it needs 'joints:' with lines 'role: joint'")
     extra = set(content) - {"joints", "up", "scale", "ignore"}
     if extra:
         valid = ("joints", "up", "scale", "ignore")
         raise ClipError(f"{where}: {unknown_name('key', str(sorted(map(str, extra))[0]), valid)}")
-    if content.get("up") is not None and not re.fullmatch(r"[+-]?[xyz]", str(content["up"])):
-        raise ClipError(f"{where}: up is '{content['up']}': write x, y, z, -x, -y or -z")
+    up = content.get("up")
+    if up is not None and not (isinstance(up, str) and re.fullmatch(r"[+-]?[xyz]", up)):
+        raise ClipError(
+            f"{where}: up is '{up if isinstance(up, str) else shown(up)}': write x, y, z, -x, -y or -z"
+        )
     scale = content.get("scale")
-    if scale is not None and not (isinstance(scale, int | float) and 0 < scale < float("inf")):
-        raise ClipError(f"{where}: scale is '{scale}': write the metres per unit of the file")
-    if not isinstance(content.get("ignore", []), list | tuple):
+    if scale is not None and not 0 < real_number(scale, f"{where}: scale", ClipError) <= 1e6:
+        raise ClipError(
+            f"{where}: scale is '{shown(scale)}': write the metres per unit of the file"
+        )
+    for role, joint in content.get("joints", {}).items():
+        if not isinstance(role, str) or not isinstance(joint, str):
+            said = f"{shown(role)}: {shown(joint)}"
+            raise ClipError(f"{where}: joints has {said}: write the role and the joint's name")
+    ignore = content.get("ignore", [])
+    if not isinstance(ignore, list | tuple) or not all(isinstance(role, str) for role in ignore):
         raise ClipError(f"{where}: ignore must be a list of roles")
     return content
-
-
-def _load(path: Path) -> Any:
-    """Return what a YAML or JSON file holds."""
-    import yaml
-
-    try:
-        text = path.read_text(encoding="utf-8")
-        return json.loads(text) if path.suffix.lower() == ".json" else yaml.safe_load(text)
-    except FileNotFoundError:
-        raise ClipError(f"mapping file '{path}' does not exist: check the path") from None
-    except (OSError, UnicodeDecodeError, ValueError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise ClipError(f"mapping file '{path}' cannot be read: {reason}") from None

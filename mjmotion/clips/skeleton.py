@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.boundary.limits import MOST_FRAMES, MOST_TEXT, MOST_UNITS, at_most, rate
 from mjmotion.exceptions import ClipError, frame_list
 
 
@@ -73,7 +74,7 @@ class Clip:
         """
         if not (np.isfinite(fps) and fps > 0):
             raise ClipError(f"fps is {fps}: it must be a positive number")
-        return dataclasses.replace(self, fps=float(fps))
+        return dataclasses.replace(self, fps=rate(fps, "fps", ClipError))
 
     def cut(self, start: int, end: int) -> Clip:
         """Return frames ``start`` up to, not including, ``end``."""
@@ -117,8 +118,15 @@ def pose_skeleton(
             " mend the file",
             bad.tolist(),
         )
-    if not (np.isfinite(fps) and fps > 0):
-        raise ClipError(f"'{name}' has a rate of {fps} frames a second: give a positive one")
+    fps = rate(fps, f"'{name}': its rate", ClipError)
+    at_most(len(local), MOST_FRAMES, f"frames of '{name}'", ClipError)
+    far = np.flatnonzero((np.abs(translations) > MOST_UNITS).any(axis=(1, 2)))
+    if len(far):
+        raise ClipError(
+            f"'{name}' has lengths beyond {MOST_UNITS:g} units at frames"
+            f" {frame_list(far.tolist())}: mend the file",
+            far.tolist(),
+        )
     positions, rotations = np.empty_like(translations), np.empty_like(local)
     for joint, parent in enumerate(parents):
         if parent < 0:
@@ -149,13 +157,20 @@ def read_text(path: str, kind: str) -> str:
       ClipError: the file is missing, not readable, or not text.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        at_most(Path(path).stat().st_size, MOST_TEXT, f"bytes of '{path}'", ClipError)
+        data = Path(path).read_bytes()
     except FileNotFoundError:
         raise ClipError(f"{kind} file '{path}' does not exist: check the path") from None
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise ClipError(f"{kind} file '{path}' cannot be read: {why}") from None
+    # Names of joints may be in a code page of old; numbers and keywords are the same in all.
+    try:
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise ClipError(f"'{path}' is not a {kind} file: it is not text") from None
-    except OSError as error:
-        raise ClipError(f"{kind} file '{path}' cannot be read: {error.strerror}") from None
+        if b"\0" in data:
+            raise ClipError(f"'{path}' is not a {kind} file: it is not text") from None
+        text = data.decode("cp1252", "replace")
     if not text.strip():
         raise ClipError(f"{kind} file '{path}' is empty: export the clip again")
     return text
