@@ -195,9 +195,8 @@ def _read_mapping(mapping: str | Path | Mapping[str, Any]) -> Mapping[str, Any]:
         raise ClipError(f"{where}: {unknown_name('key', str(sorted(map(str, extra))[0]), valid)}")
     up = content.get("up")
     if up is not None and not (isinstance(up, str) and re.fullmatch(r"[+-]?[xyz]", up)):
-        raise ClipError(
-            f"{where}: up is '{up if isinstance(up, str) else shown(up)}': write x, y, z, -x, -y or -z"
-        )
+        said = up[:20] if isinstance(up, str) else shown(up)
+        raise ClipError(f"{where}: up is '{said}': write x, y, z, -x, -y or -z")
     scale = content.get("scale")
     if scale is not None and not 0 < real_number(scale, f"{where}: scale", ClipError) <= 1e6:
         raise ClipError(

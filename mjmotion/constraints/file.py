@@ -83,7 +83,7 @@ def _from_entry(entry: Any, nframe: int) -> Constraint:
     site, frames = _word(entry, "site"), np.arange(*span)
     weight = real_number(entry.get("weight", 1.0), "weight", ConstraintError)
     if kind is LookAt:
-        axis = _rows(entry, "axis") if "axis" in entry else (1.0, 0.0, 0.0)
+        axis: Any = _rows(entry, "axis") if "axis" in entry else (1.0, 0.0, 0.0)
         return LookAt(site, frames, _rows(entry, "look_at"), axis, weight)
     position, quat = (
         None if entry.get(name) is None else _rows(entry, name) for name in ("position", "quat")
