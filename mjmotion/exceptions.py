@@ -63,9 +63,14 @@ class RenderError(MotionError):
     """Offscreen rendering is not possible on this machine."""
 
 
+_LONG = 100  # letters of a name that a message shows; a file may hold one of millions
+
+
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
     """Return the message for a name that does not exist: what was meant, and the valid names."""
     names = sorted(valid)
+    if len(name) > _LONG:
+        name = name[:_LONG] + "…"
     close = difflib.get_close_matches(name, names, n=1)
     hint = f" Did you mean '{close[0]}'?" if close else ""
     return f"unknown {kind} '{name}'.{hint} Valid names: {', '.join(names) or '(none)'}"

@@ -18,6 +18,7 @@ PACKAGE = Path(__file__).parents[1] / "mjmotion"
 # The map, from the ground up, as CONTRIBUTING has it. Lazy and type-only imports count.
 MAP = (
     "exceptions",
+    "boundary",
     "numerics",
     "body",
     "constraints",
@@ -113,12 +114,12 @@ def test_the_validation_is_independent() -> None:
     """It imports motions and errors, numpy and mujoco: nothing that fits or plans can reach it.
 
     Three more, where they are used: scipy for hulls that MuJoCo has not made and for non-negative
-    least squares, and a reader of YAML for files of thresholds, which measures nothing.
+    least squares, and a reader of files of thresholds, which measures nothing.
     """
     allowed = {"mujoco", "numpy", "numpy.typing.NDArray", "mjmotion.body.motion.Motion"}
     lazy = {
         "meshes": "scipy.spatial.ConvexHull",
-        "thresholds": "yaml",
+        "thresholds": "mjmotion.boundary.structured.read_structured",
         "effort": "scipy.optimize.nnls",
     }
     foreign = []

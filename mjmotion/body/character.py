@@ -26,6 +26,7 @@ from mjmotion.body.joint_limits import JointLimits
 from mjmotion.body.kinematics import character_geoms, check_free_root, root_body
 from mjmotion.body.limbs import Limb, Limbs, find_limbs
 from mjmotion.body.parts import Parts, find_parts
+from mjmotion.boundary.mjcf import check_mjcf, check_model
 from mjmotion.exceptions import ModelError, mujoco_message
 from mjmotion.numerics.rotations import to_matrix
 
@@ -72,6 +73,7 @@ class Character:
             raise ModelError(
                 f"character '{name}' does not compile: {mujoco_message(error)}"
             ) from error
+        check_model(model, f"character '{name}'", ModelError)
         short = spec.modelname or name
         if not isinstance(source, mujoco.MjSpec):
             short = Path(name).stem
@@ -231,6 +233,7 @@ def read_spec(source: str | Path | mujoco.MjSpec) -> tuple[mujoco.MjSpec, str]:
     if isinstance(source, mujoco.MjSpec):
         return source.copy(), source.modelname or "the model"
     path = find_asset("model", source).resolve()
+    check_mjcf(path, ModelError)
     try:
         return mujoco.MjSpec.from_file(str(path)), str(path)
     except (ValueError, OSError, mujoco.FatalError) as error:

@@ -31,7 +31,9 @@ _RAYS_EACH = 256  # rays of one of them at least: it takes longer to wake a thre
 
 def site_id(model: mujoco.MjModel, name: str) -> int:
     """Return the id of a site; ModelError with the valid names if there is none."""
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+    # MuJoCo takes a name up to its first zero, and no half of a pair of Unicode.
+    plain = "\0" not in name and name.encode("utf-8", "replace").decode() == name
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name) if plain else -1
     if index < 0:
         names = [model.site(i).name for i in range(model.nsite)]
         raise ModelError(unknown_name("site", name, names))

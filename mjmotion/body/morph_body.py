@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import zipfile
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
@@ -28,6 +27,8 @@ from numpy.typing import NDArray
 
 from mjmotion.body.bones import Bones
 from mjmotion.body.morph_topology import Correspondence, check_same_topology, correspondence
+from mjmotion.boundary.arrays import read_archive
+from mjmotion.boundary.limits import real_array
 from mjmotion.exceptions import ModelError, MotionError
 from mjmotion.numerics.rotations import conjugate, dot, multiply, normalized, rotate
 from mjmotion.numerics.smoothing import ease
@@ -181,12 +182,17 @@ class MorphBody:
         Raises:
           ModelError: the file is missing or damaged, or its fields are not the model's.
         """
+        if not Path(path).is_file():
+            raise ModelError(f"body file '{path}' does not exist: check the path")
         try:
-            with np.load(Path(path), allow_pickle=False) as data:
-                fields = {name: data[name].astype(np.float64) for name in FIELDS}
-        except FileNotFoundError:
-            raise ModelError(f"body file '{path}' does not exist: check the path") from None
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            data = read_archive(path, tuple(FIELDS))
+            fields = {name: real_array(values, name) for name, values in data.items()}
+            bad = [name for name, values in fields.items() if not np.isfinite(values).all()]
+            if bad:
+                raise ValueError(f"{bad[0]} is not finite")
+            if fields["body_pos"].ndim == 0:
+                raise ValueError("body_pos is a single number")
+        except (ValueError, MotionError) as error:
             raise ModelError(f"'{path}' holds no body of a morph ({error})") from error
         return cls(model, fields, len(fields["body_pos"]))
 

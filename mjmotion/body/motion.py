@@ -10,7 +10,6 @@ A motion is never changed in place: its arrays are read-only and every edit retu
 from __future__ import annotations
 
 import dataclasses
-import zipfile
 from pathlib import Path
 
 import mujoco
@@ -25,7 +24,17 @@ from mjmotion.body.character import (
     quaternion_addresses,
 )
 from mjmotion.body.kinematics import check_free_root
-from mjmotion.exceptions import ClipError, ModelError, frame_list
+from mjmotion.boundary.arrays import read_archive
+from mjmotion.boundary.limits import (
+    MOST_ANGLE,
+    MOST_FRAMES,
+    MOST_LENGTH,
+    at_most,
+    rate,
+    real_array,
+    real_number,
+)
+from mjmotion.exceptions import ClipError, ModelError, MotionError, frame_list
 
 Array = NDArray[np.float64]
 
@@ -60,15 +69,13 @@ class Motion:
     def __init__(self, character: CharacterLike, qpos: ArrayLike, fps: float) -> None:
         object.__setattr__(self, "character", Character.of(character))
         object.__setattr__(self, "qpos", self._checked(qpos))
-        if not (np.isfinite(fps) and fps > 0):
-            raise ClipError(f"fps is {fps}: it must be a positive number")
-        object.__setattr__(self, "fps", float(fps))
+        object.__setattr__(self, "fps", rate(fps, "fps", ClipError))
 
     def _checked(self, given: ArrayLike) -> NDArray[np.float64]:
         """Return frames as they are kept: a read-only copy, quaternions normalised."""
         model = self.model
         check_free_root(model)
-        qpos = np.array(given, dtype=np.float64, order="C")
+        qpos = np.array(real_array(given, "qpos", ClipError), order="C")
         if qpos.ndim != 2 or qpos.shape[1] != model.nq:
             raise ClipError(
                 f"qpos has shape {qpos.shape}, the model wants (nframe, {model.nq}):"
@@ -79,6 +86,16 @@ class Motion:
         bad = np.flatnonzero(~np.isfinite(qpos).all(axis=1))
         if len(bad):
             raise ClipError(f"qpos is not finite at frames {frame_list(bad)}: mend the clip", bad)
+        at_most(len(qpos), MOST_FRAMES, "frames of a motion", ClipError)
+        for what, values, most in (
+            ("root position [m]", qpos[:, :3], MOST_LENGTH),
+            ("qpos", qpos, max(MOST_ANGLE, MOST_LENGTH)),
+        ):
+            bad = np.flatnonzero((np.abs(values) > most).any(axis=1))
+            if len(bad):
+                raise ClipError(
+                    f"{what} is beyond {most:,.0f} at frames {frame_list(bad)}: mend the clip", bad
+                )
         columns = np.array(quaternion_addresses(model))[:, None] + np.arange(4)
         quats = qpos[:, columns]
         norm = np.sqrt(np.einsum("fqi,fqi->fq", quats, quats))
@@ -160,24 +177,35 @@ class Motion:
 
         Raises:
           ClipError: the file is missing, damaged, or made for other joints or bones. A file that
-            says nothing of bones (``body_names``, ``body_pos``) is taken for its joints alone.
+            says nothing of bones (``body_names``, ``body_pos``) is taken for its joints alone. One
+            from before the character had toes that bend is read with its toes at rest.
         """
         path = Path(path)
         if not path.is_file():
             raise ClipError(f"motion file '{path}' does not exist: check the path")
         try:
-            with np.load(path, allow_pickle=False) as data:
-                qpos, fps, names = data["qpos"], float(data["fps"]), list(data["joint_names"])
-                bones = dict[str, Array]()
-                if "body_names" in data:
-                    places = np.asarray(data["body_pos"], dtype=np.float64).reshape(-1, 3)
-                    bones = dict(zip(data["body_names"].tolist(), places, strict=True))
-        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            data = read_archive(
+                path, ("qpos", "fps", "joint_names"), optional=("body_names", "body_pos")
+            )
+            qpos = real_array(data["qpos"], "qpos")
+            names = data["joint_names"].ravel().tolist()
+            if data["fps"].size != 1:
+                raise ValueError(f"fps has the shape {data['fps'].shape}: it must be one number")
+            fps = real_number(data["fps"].ravel()[0], "fps")
+            bones = dict[str, Array]()
+            if "body_names" in data and "body_pos" in data:
+                places = real_array(data["body_pos"], "body_pos").reshape(-1, 3)
+                bones = dict(zip(map(str, data["body_names"].ravel()), places, strict=True))
+        except (ValueError, MotionError) as error:
             raise ClipError(
                 f"'{path}' is not a motion file ({error}): it needs qpos, fps and joint_names"
             ) from error
         character = Character.of(character)
-        if [str(name) for name in names] != joint_names(character.model):
+        toes = toe_joints(character)
+        own = joint_names(character.model)
+        if toes and names == [name for name in own if name not in toes]:
+            qpos = _with_toes_at_rest(character, qpos, toes)
+        elif [str(name) for name in names] != own:
             raise ClipError(f"'{path}' was made for other joints than the model's: retarget it")
         if other := _other_bones(bones, bone_offsets(character.model)):
             more = f" and {len(other) - 1} more" if len(other) > 1 else ""
@@ -185,7 +213,34 @@ class Motion:
                 f"'{path}' was made for another body than '{character.name}' (bone of"
                 f" {other[0]}{more}): give the character it was made for, or retarget it"
             )
-        return cls(character, qpos, fps)
+        try:
+            return cls(character, qpos, fps)
+        except ClipError as error:
+            raise ClipError(f"'{path}': {error}", error.frames) from error
+
+
+def toe_joints(character: Character) -> dict[str, int]:
+    """Return the hinges of a character's toes: joint name to address in ``qpos``."""
+    try:
+        feet = character.feet
+    except ModelError:
+        return {}
+    addresses = [foot.toes.address for foot in feet if foot.toes is not None]
+    model = character.model
+    return {
+        model.joint(int(np.flatnonzero(model.jnt_qposadr == address)[0])).name: address
+        for address in sorted(addresses)
+    }
+
+
+def _with_toes_at_rest(character: Character, qpos: Array, toes: dict[str, int]) -> Array:
+    """Return frames (nframe, nq) of a body without toes (nframe, nq - k) with those at rest."""
+    whole = character.model.nq
+    if qpos.ndim != 2 or qpos.shape[1] != whole - len(toes):
+        return qpos  # refused by its shape
+    full = np.tile(character.model.qpos0, (len(qpos), 1))
+    full[:, np.setdiff1d(np.arange(whole), list(toes.values()))] = qpos
+    return full
 
 
 def _other_bones(bones: dict[str, Array], own: dict[str, Array]) -> list[str]:

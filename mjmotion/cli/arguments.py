@@ -8,6 +8,19 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from mjmotion.boundary.limits import (
+    LEAST_KNOT,
+    LEAST_PICTURE,
+    LEAST_RATE,
+    MOST_COUNT,
+    MOST_KNOT,
+    MOST_LENGTH,
+    MOST_LEVELS,
+    MOST_PICTURE,
+    MOST_RATE,
+    MOST_TOLERANCE,
+)
+
 MOTION_HELP = "BVH, AMC, GLB, CSV or NPZ file, a built-in name, or a result folder"
 
 
@@ -19,6 +32,11 @@ def levels(text: str) -> tuple[float, ...]:
         values = ()
     if not values or not all(0 < value < float("inf") for value in values):
         raise argparse.ArgumentTypeError(f"'{text}' is not a list of numbers such as 16,8,4,2")
+    if len(values) > MOST_LEVELS or not all(LEAST_KNOT <= value <= MOST_KNOT for value in values):
+        raise argparse.ArgumentTypeError(
+            f"'{text}': at most {MOST_LEVELS} levels,"
+            f" of {LEAST_KNOT:g} to {MOST_KNOT:g} frames a knot"
+        )
     return values
 
 
@@ -33,21 +51,53 @@ def positive(text: str) -> float:
     return value
 
 
+def rate(text: str) -> float:
+    """Return frames a second."""
+    value = positive(text)
+    if not LEAST_RATE <= value <= MOST_RATE:
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is not a rate from {LEAST_RATE:g} to {MOST_RATE:g} frames a second"
+        )
+    return value
+
+
+def real(text: str) -> float:
+    """Return a finite number that is a length, an angle or a factor of something that exists."""
+    value = number(text)
+    if abs(value) > MOST_LENGTH:
+        raise argparse.ArgumentTypeError(f"'{text}' is beyond {MOST_LENGTH:,.0f}")
+    return value
+
+
+def whole(text: str) -> int:
+    """Return a whole number of either sign."""
+    # The length first: a number of a million digits takes Python minutes.
+    if len(text) > 10 or not text.lstrip("+-").isdecimal():
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number")
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number") from None
+
+
 def millimetres(text: str) -> float:
     """Return a length [m] from a positive number of millimetres."""
-    return positive(text) / 1000.0
+    value = positive(text)
+    if value > MOST_TOLERANCE:
+        raise argparse.ArgumentTypeError(f"'{text}' is more than {MOST_TOLERANCE:g} mm")
+    return value / 1000.0
 
 
 def count(text: str) -> int:
     """Return a whole number above 0."""
-    if not (text.isdecimal() and int(text) > 0):
+    if not (text.isdecimal() and len(text) <= 10 and 0 < int(text) <= MOST_COUNT):
         raise argparse.ArgumentTypeError(f"'{text}' is not a whole number above 0")
     return int(text)
 
 
 def frame(text: str) -> int:
     """Return a frame: a whole number from 0."""
-    if not text.isdecimal():
+    if not (text.isdecimal() and len(text) <= 10):
         raise argparse.ArgumentTypeError(f"'{text}' is not a frame: frames count from 0")
     return int(text)
 
@@ -69,15 +119,18 @@ def pair(text: str) -> tuple[float, float]:
         low, high = (float(part) for part in text.split(","))
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}' is not two numbers such as 1.5,-2") from None
+    for value in (low, high):
+        real(str(value))
     return low, high
 
 
 def size(text: str) -> tuple[int, int]:
     """Return width and height from ``1280x720`` [pixels]."""
     width, _, height = text.lower().partition("x")
-    if not (width.isdigit() and height.isdigit() and int(width) >= 64 and int(height) >= 64):
+    sides = [int(side) for side in (width, height) if side.isdecimal() and len(side) <= 6]
+    if len(sides) < 2 or min(sides) < LEAST_PICTURE or max(sides) > MOST_PICTURE:
         raise argparse.ArgumentTypeError(f"'{text}' is not a size such as 1280x720")
-    return int(width), int(height)
+    return sides[0], sides[1]
 
 
 def add_thresholds(parser: argparse.ArgumentParser) -> None:
@@ -143,6 +196,6 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--character", help="MJCF file or the name of a model: humanoid")
     parser.add_argument("--mapping", type=Path, help="YAML file: which joint of the clip is which")
     parser.add_argument(
-        "--fps", type=positive, help="rate of the clip, where its file tells none or a wrong one"
+        "--fps", type=rate, help="rate of the clip, where its file tells none or a wrong one"
     )
     parser.add_argument("--asf", type=Path, help="skeleton of an AMC file: the one beside it")

@@ -5,24 +5,34 @@ Here are the list of commands and the errors; what a command takes and does is i
 answers at once. A new command is a file there and a word in ``COMMANDS``.
 
 Exit codes: 0 well; 1 a threshold is broken or a constraint of the user's own is not met (the output
-is written); 2 bad input (one line on stderr, nothing written).
+is written); 2 bad input (one line on stderr, nothing written); 3 a fault of mjmotion itself (one
+line, and the traceback with ``--debug``); 130 interrupted.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import errno
+import io
 import os
 import signal
 import sys
-from collections.abc import Sequence
+import traceback
+from collections.abc import Iterator, Sequence
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn
 
 from mjmotion import __version__
+from mjmotion.boundary.words import first_line, one_line
+from mjmotion.cli.written import Written
 from mjmotion.exceptions import MotionError
 
-OK, BROKEN, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130  # exit codes
+_LONGEST = 500  # letters of a message about arguments, which may be anything
+_NOTES = 5  # warnings that are told one by one
+OK, BROKEN, BAD_INPUT, FAULT, INTERRUPTED = 0, 1, 2, 3, 130  # exit codes
 
 # In the order of the help; a module of mjmotion.cli each.
 COMMANDS = (
@@ -54,7 +64,9 @@ class _Parser(argparse.ArgumentParser):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
 
     def error(self, message: str) -> NoReturn:
-        self.exit(BAD_INPUT, f"mjmotion: error: {message} (see '{self.prog} --help')\n")
+        said = one_line(message)
+        said = said if len(said) <= _LONGEST else said[:_LONGEST] + "…"
+        self.exit(BAD_INPUT, f"mjmotion: error: {said} (see '{self.prog} --help')\n")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -66,22 +78,84 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
       The exit code.
     """
+    _any_streams()
     args = parse(argv)
     # A kill must clean up what is half done, as Ctrl-C does: raise instead of dying on the spot.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    written = Written(args)
     try:
-        code: int = _module(args.command).run(args)
+        with _told():
+            code: int = _module(args.command).run(args)
         sys.stdout.flush()
         return code
     except MotionError as error:
-        print("mjmotion: error:", " ".join(str(error).split()), file=sys.stderr)
+        if args.debug:
+            traceback.print_exc()
+        _say(f"error: {one_line(str(error))}")
         return BAD_INPUT
     except KeyboardInterrupt:
-        print("mjmotion: interrupted, nothing was written", file=sys.stderr)
+        _say(f"interrupted, {written.said()}")
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output, such as head, has gone
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_stdout()
         return OK
+    except MemoryError:
+        _say(
+            f"error: there is not enough memory for this, {written.said()}: give something smaller"
+        )
+        return BAD_INPUT
+    except Exception as error:
+        # The last catch: what no reader foresaw is told as what it is, and never as exit code 1.
+        if args.debug:
+            traceback.print_exc()
+        return _last(error, written)
+
+
+def _last(error: Exception, written: Written) -> int:
+    """Tell of an error that nothing foresaw."""
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
+        _drop_stdout()  # a full disk or terminal is no fault of ours
+        _say(f"error: cannot write: {error.strerror}, {written.said()}")
+        return BAD_INPUT
+    what = f"{type(error).__name__}: {first_line(error)}"
+    _say(f"a fault of mjmotion, {written.said()}: please report it with what --debug shows: {what}")
+    return FAULT
+
+
+@contextlib.contextmanager
+def _told() -> Iterator[None]:
+    """Gather warnings; where the command ends well, each is told in one line."""
+    from mjmotion.boundary.quiet import gathered
+    from mjmotion.cli.terminal import warn
+
+    with gathered() as notes:
+        yield
+    for line in notes[:_NOTES]:
+        warn(f"note: {line}")
+    if len(notes) > _NOTES:
+        warn(f"note: {len(notes) - _NOTES} more warnings")
+
+
+def _say(line: str) -> None:
+    with contextlib.suppress(OSError, ValueError):  # stderr may be closed or full, too
+        print(f"mjmotion: {line}", file=sys.stderr, flush=True)
+
+
+def _any_streams() -> None:
+    """Have streams that take any text, whatever their encoding, and that are there at all."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # closed by the shell: >&-
+            sink = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  # for good
+            setattr(sys, name, sink)
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _drop_stdout() -> None:
+    """Send what is still to be written nowhere, so that the interpreter does not fail on it."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
@@ -99,10 +173,15 @@ def _parser() -> argparse.ArgumentParser:
         description="Adapt recorded walks to new ground: stairs, slopes, rough terrain, doorways.",
         epilog="try: mjmotion demo",
     )
+    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     parser.add_argument("--version", action="version", version=f"mjmotion {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in COMMANDS:
         module = _module(name)
         text, example = module.HELP, f"example: {module.EXAMPLE}"
-        module.arguments(commands.add_parser(name, help=text, description=text, epilog=example))
+        own = commands.add_parser(name, help=text, description=text, epilog=example)
+        own.add_argument(
+            "--debug", action="store_true", default=argparse.SUPPRESS, help=argparse.SUPPRESS
+        )
+        module.arguments(own)
     return parser

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from mjmotion.cli.arguments import pair
+from mjmotion.cli.arguments import pair, real, whole
 
 HELP = "make a scene"
 EXAMPLE = "mjmotion scene stairs --out stairs.xml"
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         raise OutputError(f"'{out}' must end in .xml: a scene is an MJCF file")
     if out.exists() and not args.force:
         raise OutputError(f"'{out}' exists already: give another --out, or --force")
-    known = {"command", "kind", "out", "force", "source"}
+    known = {"command", "kind", "out", "force", "source", "debug"}
     options = {name: value for name, value in vars(args).items() if name not in known}
     if "doorways" in options:
         options["doorways"] = [Doorway(**door) for door in options["doorways"]]
@@ -65,8 +65,8 @@ def run(args: argparse.Namespace) -> int:
 def _doorway(text: str) -> dict[str, float]:
     try:
         pairs = [part.split("=") for part in text.split(",")]
-        door = {name.strip(): float(value) for name, value in pairs}
-    except ValueError:
+        door = {name.strip(): real(value) for name, value in pairs}
+    except (ValueError, argparse.ArgumentTypeError):
         door = {}
     if "x" not in door or not door.keys() <= {"x", "y", "yaw", "width", "height"}:
         raise argparse.ArgumentTypeError(
@@ -81,7 +81,7 @@ _RANGES: _Options = {
     "x_range": (pair, "extent along x [m]: LOW,HIGH (write --x-range=-2,10)"),
     "y_range": (pair, "extent along y [m]: LOW,HIGH"),
 }
-_SEED: _Options = {"seed": (int, "seed of the random heights")}
+_SEED: _Options = {"seed": (whole, "seed of the random heights")}
 
 SCENES: dict[str, tuple[str, _Options]] = {
     "flat": ("a level floor", {}),
@@ -89,10 +89,10 @@ SCENES: dict[str, tuple[str, _Options]] = {
         "the paper's rough terrain, random but seeded",
         {
             **_SEED,
-            "spacing": (float, "width of the grid of control heights [m]"),
-            "height": (float, "greatest control height [m]"),
+            "spacing": (real, "width of the grid of control heights [m]"),
+            "height": (real, "greatest control height [m]"),
             **_RANGES,
-            "cell": (float, "distance between samples [m]"),
+            "cell": (real, "distance between samples [m]"),
         },
     ),
     "doors": (
@@ -105,49 +105,49 @@ SCENES: dict[str, tuple[str, _Options]] = {
     "stairs": (
         "stairs up, a landing, and stairs down",
         {
-            "steps": (int, "number of steps up, and down again"),
-            "rise": (float, "height of a step [m]"),
-            "tread": (float, "depth of a step [m]"),
-            "landing": (float, "depth of the landing [m]"),
-            "width": (float, "width of the stairs [m]"),
-            "distance": (float, "from the start to the first step [m]"),
+            "steps": (whole, "number of steps up, and down again"),
+            "rise": (real, "height of a step [m]"),
+            "tread": (real, "depth of a step [m]"),
+            "landing": (real, "depth of the landing [m]"),
+            "width": (real, "width of the stairs [m]"),
+            "distance": (real, "from the start to the first step [m]"),
         },
     ),
     "slope": (
         "a ramp up, a plateau, and a ramp down",
         {
-            "angle": (float, "steepness [degrees]"),
-            "length": (float, "length of a ramp [m]"),
-            "plateau": (float, "length of the top [m]"),
-            "width": (float, "width of the ramps [m]"),
-            "distance": (float, "from the start to the ramp [m]"),
+            "angle": (real, "steepness [degrees]"),
+            "length": (real, "length of a ramp [m]"),
+            "plateau": (real, "length of the top [m]"),
+            "width": (real, "width of the ramps [m]"),
+            "distance": (real, "from the start to the ramp [m]"),
         },
     ),
     "blocks": (
         "a pavement of uneven blocks",
         {
             **_SEED,
-            "size": (float, "side of a block [m]"),
-            "height": (float, "greatest height of a block [m]"),
+            "size": (real, "side of a block [m]"),
+            "height": (real, "greatest height of a block [m]"),
             **_RANGES,
-            "start_radius": (float, "level ground around the start [m]"),
+            "start_radius": (real, "level ground around the start [m]"),
         },
     ),
     "rope": (
         "a rope to climb, hanging from a beam",
         {
-            "beam": (float, "height that the rope hangs from [m]"),
-            "length": (float, "length of the rope [m]"),
-            "radius": (float, "radius of the rope [m]"),
-            "edge": (float, "distance of the points that it is made of [m]"),
+            "beam": (real, "height that the rope hangs from [m]"),
+            "length": (real, "length of the rope [m]"),
+            "radius": (real, "radius of the rope [m]"),
+            "edge": (real, "distance of the points that it is made of [m]"),
         },
     ),
     "heights": (
         "ground from an .npy file, an image or a mesh",
         {
-            "cell": (float, "distance between samples [m]"),
-            "height": (float, "height of white in an image [m]"),
-            "scale": (float, "factor on heights of an array or lengths of a mesh"),
+            "cell": (real, "distance between samples [m]"),
+            "height": (real, "height of white in an image [m]"),
+            "scale": (real, "factor on heights of an array or lengths of a mesh"),
             "start": (pair, "where the walk starts, from the low corner [m]: X,Y"),
             "up": (str, "axis of a mesh that points up: y or z"),
         },

@@ -42,7 +42,7 @@ def measure(args: argparse.Namespace) -> Table1:
     import json
 
     from mjmotion.cli.terminal import Bar, say, warn
-    from mjmotion.output.folder import check_file
+    from mjmotion.output.folder import check_file, write_text
     from mjmotion.paper import table1
     from mjmotion.paper.print_table1 import lines
 
@@ -53,7 +53,7 @@ def measure(args: argparse.Namespace) -> Table1:
         table = table1.run(names, args.repeats, ablations=not args.no_ablations, progress=bar)
     say(*lines(table))
     if args.json:
-        args.json.write_text(json.dumps(table.as_dict(), indent=1, allow_nan=False) + "\n", "utf-8")
+        write_text(args.json, json.dumps(table.as_dict(), indent=1, allow_nan=False) + "\n")
         say("", f"data    {args.json}")
     for miss in table.missed():
         warn(f"not reached: {miss}")

@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mjmotion.boundary.words import harmless, one_line
+
 if TYPE_CHECKING:
     from mjmotion.fitting import Trace
     from mjmotion.validation import Validation
@@ -15,12 +17,12 @@ if TYPE_CHECKING:
 def say(*lines: str) -> None:
     """Write lines to stdout."""
     for line in lines:
-        sys.stdout.write(f"{line}\n")
+        sys.stdout.write(harmless(line, keep="\n") + "\n")
 
 
 def warn(line: str) -> None:
     """Write one line to stderr."""
-    sys.stderr.write(f"mjmotion: {line}\n")
+    sys.stderr.write(f"mjmotion: {one_line(line)}\n")
 
 
 class Bar:

@@ -8,10 +8,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.boundary.limits import MOST_FRAMES, MOST_JOINTS, MOST_POSES, at_most
 from mjmotion.clips.skeleton import Clip, axis_rotations, pose_skeleton, read_text
 from mjmotion.exceptions import ClipError
 
 Array = NDArray[np.float64]
+
+_FRAME_DIGITS = 18  # of a number of a frame, blanks before it too
+_DOF = ("tx", "ty", "tz", "rx", "ry", "rz", "l")
 
 
 class _Bone:
@@ -64,6 +68,7 @@ def read_amc(path: str | Path, skeleton: str | Path | None = None, *, fps: float
     )
     values = _read_values(path, lines, tree)
     nframe = len(values["root"])
+    at_most(nframe * len(names), MOST_POSES, f"joints x frames of '{path}'", ClipError)
     translations = np.broadcast_to(offsets, (nframe, *offsets.shape)).copy()
     local = np.broadcast_to(np.eye(3), (*translations.shape, 3)).copy()
     for joint, name in enumerate(names):
@@ -126,10 +131,15 @@ def _read_skeleton(path: Path) -> _Skeleton:
         tree.bones["root"] = _root(sections["root"])
         for block in re.findall(r"\bbegin\b(.*?)\bend\b", sections["bonedata"], re.DOTALL):
             name, bone = _bone(block, tree.degrees)
+            if name in tree.bones:
+                raise ValueError(f"bone {name} stands twice")
+            at_most(len(tree.bones), MOST_JOINTS, f"bones of '{path}'", ClipError)
             tree.bones[name] = bone
         for line in sections["hierarchy"].splitlines():
             words = line.split()
             if words and words[0] not in ("begin", "end", "hierarchy"):
+                if twice := [child for child in words[1:] if child in tree.parents]:
+                    raise ValueError(f"bone {twice[0]} hangs on two others")
                 tree.parents.update({child: words[0] for child in words[1:]})
     except (ValueError, KeyError, IndexError) as error:
         raise ClipError(f"'{path}' is not a sound ASF file ({error}): get it again") from None
@@ -140,6 +150,7 @@ def _root(text: str) -> _Bone:
     fields = _fields(text)
     bone = _Bone()
     bone.dof = [word.lower() for word in fields["order"]]
+    _check_dof(bone.dof, "root")
     turn = [float(x) for x in fields.get("orientation", ["0", "0", "0"])]
     bone.axis = _euler(turn, fields.get("axis", ["XYZ"])[0], True)
     return bone
@@ -149,13 +160,23 @@ def _bone(text: str, degrees: bool) -> tuple[str, _Bone]:
     fields = _fields(text)
     bone = _Bone()
     direction = np.array([float(x) for x in fields["direction"]])
+    if direction.shape != (3,) or not np.linalg.norm(direction) > 0:
+        raise ValueError(f"bone {fields['name'][0]} has no direction of three numbers")
     bone.direction = direction / np.linalg.norm(direction)
     bone.length = float(fields["length"][0])
     bone.axis = _euler([float(x) for x in fields["axis"][:3]], fields["axis"][3], degrees)
     bone.dof = [word.lower() for word in fields.get("dof", [])]
-    if not np.isfinite([*bone.direction, bone.length]).all():
+    _check_dof(bone.dof, fields["name"][0])
+    if not (np.isfinite([*bone.direction, bone.length]).all() and np.isfinite(bone.axis).all()):
         raise ValueError(f"bone {fields['name'][0]} is not finite")
     return fields["name"][0], bone
+
+
+def _check_dof(dof: list[str], name: str) -> None:
+    if unknown := [word for word in dof if word not in _DOF]:
+        raise ValueError(f"{name} has the degree of freedom '{unknown[0]}', none of {_DOF}")
+    if len(set(dof)) < len(dof):
+        raise ValueError(f"{name} has a degree of freedom twice")
 
 
 def _fields(text: str) -> dict[str, list[str]]:
@@ -177,6 +198,8 @@ def _parents_first(tree: _Skeleton, path: Path) -> list[str]:
     unknown = (set(tree.parents) | set(tree.parents.values())) - set(tree.bones)
     if unknown:
         raise ClipError(f"'{path}': :hierarchy names unknown bones {', '.join(sorted(unknown))}")
+    if "root" in tree.parents:
+        raise ClipError(f"'{path}': :hierarchy hangs the root on '{tree.parents['root']}'")
     names = ["root"]
     for name in names:
         names += [child for child, parent in tree.parents.items() if parent == name]
@@ -195,12 +218,19 @@ def _read_values(path: str | Path, lines: list[str], tree: _Skeleton) -> dict[st
     starts = [n for n, line in enumerate(lines) if line.strip().isdigit()]
     if not starts:
         raise ClipError(f"AMC file '{path}' has no frames: export the clip again")
+    at_most(len(starts), MOST_FRAMES, f"frames of '{path}'", ClipError)
     moving = {name: len(bone.dof) for name, bone in tree.bones.items() if bone.dof}
     values = {name: np.zeros((len(starts), count)) for name, count in moving.items()}
     values |= {name: np.zeros((len(starts), 0)) for name in tree.bones if name not in moving}
     first_seen = set[str]()
     for frame, (first, last) in enumerate(zip(starts, [*starts[1:], len(lines)], strict=True)):
         seen = set[str]()
+        if int(lines[first][:_FRAME_DIGITS]) != int(lines[starts[0]][:_FRAME_DIGITS]) + frame:
+            raise ClipError(
+                f"'{path}': frame {frame} has the number {lines[first].strip()[:_FRAME_DIGITS]}:"
+                " frames are missing or stand twice",
+                (frame,),
+            )
         for line in lines[first + 1 : last]:
             name, *words = line.split()
             if name not in moving or len(words) != moving[name]:
@@ -210,6 +240,8 @@ def _read_values(path: str | Path, lines: list[str], tree: _Skeleton) -> dict[st
                     " the file is cut off or belongs to another skeleton",
                     (frame,),
                 )
+            if name in seen:
+                raise ClipError(f"'{path}' frame {frame} has '{name}' twice", (frame,))
             try:
                 values[name][frame] = [float(word) for word in words]
             except ValueError:

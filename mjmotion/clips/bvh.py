@@ -10,10 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.boundary.limits import MOST_FRAMES, MOST_JOINTS, MOST_POSES, MOST_UNITS, at_most
 from mjmotion.clips.skeleton import Clip, axis_rotations, pose_skeleton, read_text
 from mjmotion.exceptions import ClipError
 
 _CHANNELS = {f"{axis}{kind}" for axis in "xyz" for kind in ("position", "rotation")}
+
+
+_COUNTS = tuple("0123456")
 
 
 class _Hierarchy:
@@ -50,6 +54,7 @@ def read_bvh(path: str | Path, *, fps: float | None = None) -> Clip:
         raise ClipError(f"'{path}' ends before MOTION: the file is cut off, export it again")
     nchannel = sum(len(names) for names in tree.channels)
     values, rate = _read_motion(path, lines, at, nchannel, fps)
+    at_most(len(values) * len(tree.names), MOST_POSES, f"joints x frames of '{path}'", ClipError)
     offsets = np.array(tree.offsets)
     translations = np.broadcast_to(offsets, (len(values), *offsets.shape)).copy()
     local = np.broadcast_to(np.eye(3), (*translations.shape, 3)).copy()
@@ -120,6 +125,7 @@ class _HierarchyParser:
             raise self._error("a second ROOT" if root else f"'{word}' comes before any ROOT")
         if not root and not self._in_joint():
             raise self._error("a JOINT outside its parent")
+        at_most(len(tree.names), MOST_JOINTS, f"joints of '{self._path}'", ClipError)
         tree.parents.append(self._open[-1] if self._open else -1)
         tree.names.append(self._name())
         tree.offsets.append([0.0, 0.0, 0.0])
@@ -139,6 +145,8 @@ class _HierarchyParser:
             raise self._error("OFFSET needs three numbers") from None
         if not self._open or not np.isfinite(offset).all():
             raise self._error("an OFFSET that is not finite or belongs to no joint")
+        if max(map(abs, offset)) > MOST_UNITS:
+            raise self._error(f"an OFFSET beyond {MOST_UNITS:g} units")
         if self._in_joint():
             self._tree.offsets[self._open[-1]] = offset
         else:
@@ -147,10 +155,12 @@ class _HierarchyParser:
 
     def _channels(self) -> None:
         count = self._take(1)[0]
-        if not count.isdigit() or not self._in_joint():
-            raise self._error("CHANNELS needs a count and a joint")
+        if count not in _COUNTS or not self._in_joint():
+            raise self._error("CHANNELS needs a count from 0 to 6 and a joint")
+        if self._tree.channels[self._open[-1]]:
+            raise self._error("a second CHANNELS of one joint")
         names = [name.lower() for name in self._take(int(count))]
-        if not set(names) <= _CHANNELS:
+        if not set(names) <= _CHANNELS or len(set(names)) < len(names):
             raise self._error(
                 f"CHANNELS {count} is followed by {' '.join(names)}, not {count} channels"
             )
@@ -208,6 +218,7 @@ def _read_motion(
             frame_time = float(rate[2]) if fps is None else frame_time
         elif fps is None:
             raise ValueError
+        at_most(nframe, MOST_FRAMES, f"frames of '{path}'", ClipError)
     except (ValueError, IndexError):
         raise ClipError(
             f"'{path}' line {at + 1}: MOTION needs 'Frames: N' and 'Frame Time: S': mend the file,"
@@ -224,6 +235,10 @@ def _read_motion(
     if len(rows) < nframe:
         raise ClipError(
             f"'{path}' has {len(rows)} of its {nframe} frames: the file is cut off, export it again"
+        )
+    if len(rows) > nframe:
+        raise ClipError(
+            f"'{path}' says 'Frames: {nframe}' and has {len(rows)}: correct the number or the rows"
         )
     try:
         values = np.loadtxt(rows[:nframe], ndmin=2, comments=None)

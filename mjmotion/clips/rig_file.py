@@ -14,13 +14,12 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from mjmotion.boundary.limits import real_number, shown
+from mjmotion.boundary.structured import read_structured
 from mjmotion.clips.joint_names import OPTIONAL, ROLES
 from mjmotion.exceptions import ClipError, unknown_name
-
-if TYPE_CHECKING:
-    import yaml
 
 _KEYS = ("joints", "up", "scale", "ignore")
 
@@ -34,17 +33,26 @@ def read_mapping(mapping: str | Path | Mapping[str, Any]) -> Mapping[str, Any]:
     if isinstance(mapping, Mapping):
         where, content = "mapping", dict(mapping)
     else:
-        where, content = f"mapping file '{mapping}'", _load(Path(mapping))
+        where = f"mapping file '{mapping}'"
+        content = read_structured(mapping, "mapping file", ClipError)
     if not isinstance(content, dict) or not isinstance(content.get("joints", {}), dict):
         raise ClipError(f"{where}: it needs 'joints:' with lines 'role: joint'")
     extra = set(content) - set(_KEYS)
     if extra:
         raise ClipError(f"{where}: {unknown_name('key', str(sorted(map(str, extra))[0]), _KEYS)}")
-    if content.get("up") is not None and not re.fullmatch(r"[+-]?[xyz]", str(content["up"])):
-        raise ClipError(f"{where}: up is '{content['up']}': write x, y, z, -x, -y or -z")
+    up = content.get("up")
+    if up is not None and not (isinstance(up, str) and re.fullmatch(r"[+-]?[xyz]", up)):
+        said = up[:20] if isinstance(up, str) else shown(up)
+        raise ClipError(f"{where}: up is '{said}': write x, y, z, -x, -y or -z")
     scale = content.get("scale")
-    if scale is not None and not (isinstance(scale, int | float) and 0 < scale < float("inf")):
-        raise ClipError(f"{where}: scale is '{scale}': write the metres per unit of the file")
+    if scale is not None and not 0 < real_number(scale, f"{where}: scale", ClipError) <= 1e6:
+        raise ClipError(
+            f"{where}: scale is '{shown(scale)}': write the metres per unit of the file"
+        )
+    for role, joint in content.get("joints", {}).items():
+        if not isinstance(role, str) or not (joint is None or isinstance(joint, str)):
+            said = f"{shown(role)}: {shown(joint)}"
+            raise ClipError(f"{where}: joints has {said}: write the role and the joint's name")
     ignored = content.get("ignore", [])
     if not isinstance(ignored, list | tuple) or not all(isinstance(r, str) for r in ignored):
         raise ClipError(f"{where}: ignore must be a list of roles")
@@ -79,48 +87,3 @@ def mapping_text(
         "# ignore: [left_hand, right_hand]",
     ]
     return "\n".join(lines) + "\n"
-
-
-def _load(path: Path) -> Any:
-    """Return what a YAML or JSON file holds."""
-    import yaml
-
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-        if path.suffix.lower() == ".json":
-            return json.loads(text, object_pairs_hook=_once)
-        return yaml.load(text, _loader())
-    except FileNotFoundError:
-        raise ClipError(f"mapping file '{path}' does not exist: check the path") from None
-    except (OSError, UnicodeDecodeError, ValueError, RecursionError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise ClipError(f"mapping file '{path}' cannot be read: {reason}") from None
-
-
-def _once(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
-    """Return pairs as a dict; ValueError where a key is there twice."""
-    result: dict[Any, Any] = {}
-    for key, value in pairs:
-        if key in result:
-            raise ValueError(f"'{key}' is there twice")
-        result[key] = value
-    return result
-
-
-def _loader() -> type[yaml.SafeLoader]:
-    """Return a YAML loader that refuses a key that is there twice."""
-    import yaml
-
-    class Loader(yaml.SafeLoader):
-        pass
-
-    def mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Any, Any]:
-        return _once(
-            [
-                (loader.construct_object(k, True), loader.construct_object(v, True))
-                for k, v in node.value
-            ]
-        )
-
-    Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, mapping)
-    return Loader

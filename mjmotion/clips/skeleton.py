@@ -9,9 +9,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.boundary.limits import (
+    LEAST_RATE,
+    MOST_FRAMES,
+    MOST_RATE,
+    MOST_TEXT,
+    MOST_UNITS,
+    at_most,
+)
 from mjmotion.exceptions import ClipError, frame_list
 
-_RATES = (0.1, 10_000.0)  # frames a second that a recording may have
 # Bytes that are letters of Shift-JIS and rare signs of Western texts.
 _KANA = range(0x81, 0xA0)
 
@@ -120,6 +127,14 @@ def pose_skeleton(
             bad.tolist(),
         )
     fps = checked_rate(name, fps)
+    at_most(len(local), MOST_FRAMES, f"frames of '{name}'", ClipError)
+    far = np.flatnonzero((np.abs(translations) > MOST_UNITS).any(axis=(1, 2)))
+    if len(far):
+        raise ClipError(
+            f"'{name}' has lengths beyond {MOST_UNITS:g} units at frames"
+            f" {frame_list(far.tolist())}: mend the file",
+            far.tolist(),
+        )
     positions, rotations = np.empty_like(translations), np.empty_like(local)
     for joint, parent in enumerate(parents):
         if parent < 0:
@@ -138,10 +153,10 @@ def checked_rate(name: str, fps: float) -> float:
     Raises:
       ClipError: no recording has such a rate.
     """
-    if not _RATES[0] <= fps <= _RATES[1]:
+    if not LEAST_RATE <= fps <= MOST_RATE:
         raise ClipError(
             f"'{name}' has a rate of {fps:g} frames a second: give the right one as --fps, from"
-            f" {_RATES[0]:g} to {_RATES[1]:g}"
+            f" {LEAST_RATE:g} to {MOST_RATE:g}"
         )
     return float(fps)
 
@@ -164,11 +179,13 @@ def read_text(path: str, kind: str) -> str:
       ClipError: the file is missing, not readable, or not text.
     """
     try:
+        at_most(Path(path).stat().st_size, MOST_TEXT, f"bytes of '{path}'", ClipError)
         data = Path(path).read_bytes()
     except FileNotFoundError:
         raise ClipError(f"{kind} file '{path}' does not exist: check the path") from None
-    except OSError as error:
-        raise ClipError(f"{kind} file '{path}' cannot be read: {error.strerror}") from None
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise ClipError(f"{kind} file '{path}' cannot be read: {why}") from None
     text = _decoded(data)
     if text is None:
         raise ClipError(f"'{path}' is not a {kind} file: it is not text")

@@ -11,9 +11,11 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from mjmotion.body.character import Character, CharacterLike
-from mjmotion.body.motion import Motion
+from mjmotion.body.motion import Motion, toe_joints
+from mjmotion.boundary.limits import MOST_FRAMES, at_most
 from mjmotion.clips.skeleton import read_text
 from mjmotion.exceptions import ClipError, frame_list
 
@@ -57,7 +59,12 @@ def read_csv(path: str | Path, character: CharacterLike, *, fps: float | None = 
     header = [name.strip().strip('"') for name in lines[0].split(",")]
     character = Character.of(character)
     columns = column_names(character.model)
+    if twice := [name for name in (*columns, "time") if header.count(name) > 1]:
+        raise ClipError(f"'{path}' has the column {twice[0]} twice: keep one of them")
+    # A table from before the character had toes that bend has them at rest.
+    toes = toe_joints(character)
     missing = [name for name in columns if name not in header]
+    missing = [] if missing and set(missing) == set(toes) else missing
     if missing:
         raise ClipError(
             f"'{path}' lacks the column{'s' * (len(missing) > 1)} {', '.join(missing[:4])}"
@@ -72,21 +79,44 @@ def read_csv(path: str | Path, character: CharacterLike, *, fps: float | None = 
                 " mend the file",
                 (number,),
             )
+    at_most(len(lines) - 1, MOST_FRAMES, f"frames of '{path}'", ClipError)
     try:
         table = np.loadtxt(lines[1:], delimiter=",", ndmin=2)
     except ValueError as error:
         raise ClipError(f"'{path}' has a value that is not a number: {error}") from None
+    if len(bad := np.flatnonzero(~np.isfinite(table).all(axis=1))):
+        raise ClipError(
+            f"'{path}' has values that are not finite at frames {frame_list(bad.tolist())}:"
+            " mend the file",
+            bad.tolist(),
+        )
     if fps is None:
-        if "time" not in header or len(table) < 2:
-            raise ClipError(f"'{path}' does not say its rate: add a 'time' column or give fps")
-        steps = np.diff(table[:, header.index("time")])
-        uneven = np.flatnonzero(~(np.abs(steps - steps.mean()) < 0.02 * np.abs(steps.mean())))
-        if len(uneven) or not steps.mean() > 0:
-            raise ClipError(
-                f"'{path}' has times that are not even at frames {frame_list(uneven.tolist())}:"
-                " resample it",
-                uneven.tolist(),
-            )
-        fps = 1 / steps.mean()
-        fps = float(round(fps)) if abs(fps - round(fps)) < 1e-4 * fps else float(fps)
-    return Motion(character, table[:, [header.index(name) for name in columns]], fps)
+        fps = _rate(path, header, table)
+    qpos = np.tile(character.model.qpos0, (len(table), 1))
+    for address, name in enumerate(columns):
+        if name in header:
+            qpos[:, address] = table[:, header.index(name)]
+    try:
+        return Motion(character, qpos, fps)
+    except ClipError as error:
+        raise ClipError(f"'{path}': {error}", error.frames) from error
+
+
+def _rate(path: str | Path, header: list[str], table: NDArray[np.float64]) -> float:
+    """Return frames a second from the ``time`` column [s]."""
+    if "time" not in header or len(table) < 2:
+        raise ClipError(f"'{path}' does not say its rate: add a 'time' column or give fps")
+    steps = np.diff(table[:, header.index("time")])
+    # The median: one gap is one gap, and does not make all the other steps look short.
+    usual = float(np.median(steps))
+    if not usual > 0:
+        raise ClipError(f"'{path}' has times that do not grow: {usual:g} s from row to row")
+    uneven = np.flatnonzero(np.abs(steps - usual) >= 0.02 * usual)
+    if len(uneven):
+        raise ClipError(
+            f"'{path}' has times that are not even after frames {frame_list(uneven.tolist())}:"
+            " resample it",
+            uneven.tolist(),
+        )
+    fps = float(1 / steps.mean())
+    return float(round(fps)) if abs(fps - round(fps)) < 1e-4 * fps else fps

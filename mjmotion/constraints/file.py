@@ -17,7 +17,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,8 @@ import mujoco
 import numpy as np
 
 from mjmotion.body.kinematics import site_id
+from mjmotion.boundary.limits import MOST_LENGTH, real_number, shown
+from mjmotion.boundary.structured import read_structured
 from mjmotion.constraints.types import Constraint, LookAt, RelativeConstraint, SiteConstraint
 from mjmotion.exceptions import ConstraintError, MotionError
 
@@ -44,25 +45,7 @@ def load_constraints(
       ConstraintError: the file is missing or malformed, or names a site or frame that is not there.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise ConstraintError(f"cannot read constraints file '{path}': it does not exist") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConstraintError(f"cannot read constraints file '{path}': {error}") from error
-    if path.suffix.lower() == ".json":
-        try:
-            entries = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise ConstraintError(f"'{path}' is not JSON: {error}") from error
-    else:
-        import yaml
-
-        try:
-            entries = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            line = str(error).splitlines()[0]
-            raise ConstraintError(f"'{path}' is not YAML: {line}") from error
+    entries = read_structured(path, "constraints file", ConstraintError)
     if not isinstance(entries, list):
         raise ConstraintError(f"'{path}' must hold a list of constraints")
     constraints = []
@@ -87,22 +70,46 @@ def _from_entry(entry: Any, nframe: int) -> Constraint:
         kind = LookAt
     if unknown := set(entry) - _KEYS[kind]:
         valid = ", ".join(sorted(_KEYS[kind]))
-        raise ConstraintError(f"unknown key '{min(unknown)}': valid are {valid}")
+        key = min(str(shown(name)) for name in unknown)
+        raise ConstraintError(f"unknown key {key}: valid are {valid}")
     span = entry["frames"]
     if type(span) is int:
         span = [span, span + 1]
     if not (isinstance(span, list) and len(span) == 2 and all(type(x) is int for x in span)):
         raise ConstraintError("'frames' must be one frame or [start, end]")
     if not 0 <= span[0] < span[1] <= nframe:
-        raise ConstraintError(f"frames {span} are not within the motion's 0 to {nframe}")
-    site, frames, weight = str(entry["site"]), np.arange(*span), float(entry.get("weight", 1.0))
+        said = f"[{shown(span[0])}, {shown(span[1])}]"
+        raise ConstraintError(f"frames {said} are not within the motion's 0 to {nframe}")
+    site, frames = _word(entry, "site"), np.arange(*span)
+    weight = real_number(entry.get("weight", 1.0), "weight", ConstraintError)
     if kind is LookAt:
-        axis = entry.get("axis", (1.0, 0.0, 0.0))
-        return LookAt(site, frames, entry["look_at"], axis, weight)
-    position, quat = entry.get("position"), entry.get("quat")
+        axis: Any = _rows(entry, "axis") if "axis" in entry else (1.0, 0.0, 0.0)
+        return LookAt(site, frames, _rows(entry, "look_at"), axis, weight)
+    position, quat = (
+        None if entry.get(name) is None else _rows(entry, name) for name in ("position", "quat")
+    )
     if kind is RelativeConstraint:
-        return RelativeConstraint(site, frames, str(entry["to"]), position, quat, weight)
+        return RelativeConstraint(site, frames, _word(entry, "to"), position, quat, weight)
     free = entry.get("free", ())
-    if not isinstance(free, list | tuple):
+    if not isinstance(free, list | tuple) or not all(isinstance(name, str) for name in free):
         raise ConstraintError("'free' must be a list such as [x, y, yaw]")
-    return SiteConstraint(site, frames, position, quat, weight, free=tuple(map(str, free)))
+    return SiteConstraint(site, frames, position, quat, weight, free=tuple(free))
+
+
+def _word(entry: dict[Any, Any], key: str) -> str:
+    if not isinstance(entry[key], str):
+        raise ConstraintError(f"'{key}' is {shown(entry[key])}: it must be the name of a site")
+    return str(entry[key])
+
+
+def _rows(entry: dict[Any, Any], key: str) -> Any:
+    """Return numbers, or rows of them, as they are: text and booleans are none."""
+    value = entry[key]
+    name, width = "point" if key == "look_at" else key, 4 if key == "quat" else 3
+    for row in value if isinstance(value, list) else [value]:
+        for one in row if isinstance(row, list) else [row]:
+            if isinstance(one, (bool, str, dict)):
+                raise ConstraintError(f"{name} must be {width} numbers, and {shown(one)} is none")
+            if isinstance(one, (int, float)) and abs(one) > MOST_LENGTH:
+                raise ConstraintError(f"{name}: {shown(one)} is beyond {MOST_LENGTH:,.0f} m")
+    return value

@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 
 from mjmotion.body.kinematics import Kinematics, root_body, site_id
 from mjmotion.body.motion import Motion
+from mjmotion.boundary.limits import MOST_FRAMES, shown, whole_number
+from mjmotion.boundary.structured import read_json
 from mjmotion.exceptions import ContactError, wrong_type
 
 Array = NDArray[np.float64]
@@ -279,7 +281,7 @@ def check_contacts(
             raise ContactError(
                 f"contact of '{contact.site}' ends at frame {contact.end}, but the motion has"
                 f" {nframe} frames: shorten it or use the clip it was made for",
-                range(nframe, contact.end),
+                range(nframe, min(contact.end, nframe + MOST_FRAMES)),
             )
         before = last.get(contact.site)
         if before is not None and contact.start < before.end:
@@ -297,21 +299,22 @@ def load_contacts(path: str | Path, model: mujoco.MjModel, nframe: int) -> tuple
       ContactError: the file is missing or malformed, or does not fit the motion.
     """
     path = Path(path)
-    try:
-        entries = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ContactError(f"cannot read contacts file '{path}': {error}") from error
-    except json.JSONDecodeError as error:
-        raise ContactError(f"contacts file '{path}' is not JSON: {error}") from error
+    entries = read_json(path, "contacts file", ContactError)
     if not isinstance(entries, list):
         raise ContactError(f"contacts file '{path}' must hold a list of contacts")
     contacts = []
     for number, entry in enumerate(entries):
         if not isinstance(entry, dict) or set(entry) != {"site", "start", "end"}:
             raise ContactError(f"'{path}', entry {number}: it must have just site, start and end")
-        if not all(type(entry[key]) is int for key in ("start", "end")):
-            raise ContactError(f"'{path}', entry {number}: start and end must be whole frames")
-        contacts.append(Contact(str(entry["site"]), entry["start"], entry["end"]))
+        where = f"'{path}', entry {number}"
+        if not isinstance(entry["site"], str):
+            raise ContactError(f"{where}: site is {shown(entry['site'])}: it must be a name")
+        for key in ("start", "end"):
+            if type(entry[key]) is not int:
+                said = shown(entry[key])
+                raise ContactError(f"{where}: start and end must be whole frames, not {said}")
+            whole_number(entry[key], f"{where}: {key}", ContactError)
+        contacts.append(Contact(entry["site"], entry["start"], entry["end"]))
     return check_contacts(contacts, model, nframe)
 
 

@@ -16,24 +16,33 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import secrets
+import re
 import shutil
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from xml.sax.saxutils import unescape
 
+from mjmotion.boundary.whole import locked, name_aside, put_in_place, tidy, write_whole
 from mjmotion.exceptions import OutputError
 
 MOTION, SOURCE, MODEL, CONTACTS = "motion.npz", "source.npz", "model.xml", "contacts.json"
 BODY, REPORT, PAGE, VIDEO = "body.npz", "report.json", "report.html", "video.mp4"
+FILES = (
+    *(MOTION, SOURCE, MODEL, CONTACTS, BODY, REPORT, PAGE, VIDEO),
+    *("original.npz", "original.xml", "constraints.json"),  # of a rope climb
+)
+"""Every file of a result but the assets of its models."""
+
+_NAMED = re.compile(r'\bfile\w*="([^"/\\]+)"')  # an asset beside its model
+_SHOWN = 5  # names in a message
 
 
 def check_output(out: str | Path, force: bool = False) -> None:
     """Raise OutputError if a result cannot go to ``out``; call it before a long job.
 
     An empty folder may be filled. A folder with anything in it is only replaced with ``force``, and
-    only if it holds earlier results: ``--out ~ --force`` must not cost anyone their home.
+    only if it holds an earlier result and nothing else: ``--out ~ --force`` must not cost anyone
+    their home, nor their notes on a result.
     """
     out = Path(out)
     try:
@@ -42,8 +51,9 @@ def check_output(out: str | Path, force: bool = False) -> None:
         if not out.is_dir():
             raise OutputError(f"'{out}' is a file, not a folder: give another --out")
         names = {path.name for path in out.iterdir()}
-    except OSError as error:
-        raise OutputError(f"cannot write to '{out}': {error.strerror}") from error
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise OutputError(f"cannot write to '{out}': {why}") from error
     if names and not {MOTION, MODEL} <= names:
         raise OutputError(
             f"folder '{out}' holds other files than results of mjmotion: give another --out"
@@ -52,6 +62,24 @@ def check_output(out: str | Path, force: bool = False) -> None:
         raise OutputError(
             f"'{out}' holds earlier results: give another folder, or --force (force=True in Python)"
         )
+    if own := _not_ours(out):
+        shown = ", ".join(own[:_SHOWN]) + (f" and {len(own) - _SHOWN} more" * (len(own) > _SHOWN))
+        raise OutputError(
+            f"'{out}' holds what mjmotion did not write: {shown}: move it, or give another --out"
+        )
+
+
+def _not_ours(folder: Path) -> list[str]:
+    """Return the names in a result's folder that are of no file of a result.
+
+    A result's files are known by name, and its assets are what its models name.
+    """
+    known = set(FILES)
+    for model in (MODEL, "original.xml"):
+        with contextlib.suppress(OSError):
+            text = (folder / model).read_text("utf-8", "replace")
+            known |= {unescape(name, {"&quot;": '"'}) for name in _NAMED.findall(text)}
+    return sorted(path.name for path in folder.iterdir() if path.name not in known or path.is_dir())
 
 
 @contextlib.contextmanager
@@ -59,21 +87,27 @@ def result_folder(out: str | Path, force: bool = False) -> Iterator[Path]:
     """Give an empty folder next to ``out`` that becomes ``out`` when the block ends well.
 
     If the block raises, nothing is left behind and earlier results stay as they were. With
-    ``force``, earlier results are replaced as a whole, and only at the end.
+    ``force``, earlier results are replaced as a whole, and only at the end, in one step where the
+    system can. What an earlier run left that was killed is tidied, with a warning.
 
     Raises:
       OutputError: ``out`` cannot be written, or holds something already; see check_output.
     """
+    out = Path(out)
+    with contextlib.suppress(OSError, ValueError):
+        tidy(out.resolve())
     check_output(out, force)
-    out = Path(out).resolve()
+    out = out.resolve()
     missing = [parent for parent in out.parents if not parent.exists()]
     aside: Path | None = None
+    held = contextlib.ExitStack()
     try:
         try:
             out.parent.mkdir(parents=True, exist_ok=True)
-            # Named before it is made, so that a kill in between leaves nothing behind.
-            aside = out.parent / f".{out.name}-{secrets.token_hex(4)}"
+            # Named before it is made, so that an interrupt in between leaves nothing behind.
+            aside = name_aside(out)
             aside.mkdir()
+            held.enter_context(locked(aside))
         except OSError as error:
             raise OutputError(
                 f"cannot write to '{out}': {error.strerror}: give another --out"
@@ -88,6 +122,8 @@ def result_folder(out: str | Path, force: bool = False) -> Iterator[Path]:
             with contextlib.suppress(OSError):  # someone else may have filled it by now
                 parent.rmdir()
         raise
+    finally:
+        held.close()
 
 
 def check_file(path: str | Path, force: bool = False) -> None:
@@ -110,15 +146,7 @@ def write_text(path: Path, text: str) -> None:
       OutputError: it cannot be written.
     """
     try:
-        handle, aside = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(text)
-            Path(aside).chmod(0o644)
-            Path(aside).replace(path)
-        except BaseException:
-            Path(aside).unlink(missing_ok=True)
-            raise
+        write_whole(path, text)
     except OSError as error:
         raise OutputError(
             f"cannot write '{path}': {error.strerror}: give another folder"
@@ -126,16 +154,14 @@ def write_text(path: Path, text: str) -> None:
 
 
 def _put_in_place(aside: Path, out: Path) -> None:
-    """Rename ``aside`` to ``out``; what was there goes away last, and comes back if that fails."""
-    old = None
+    """Rename ``aside`` to ``out``, and remove what was there; it stays if that fails."""
     try:
-        if out.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{out.name}-old-", dir=out.parent))
-            out.replace(old)
-        aside.replace(out)
+        old = put_in_place(aside, out)
     except OSError as error:
-        if old is not None and not out.exists():
-            old.replace(out)
         raise OutputError(f"cannot write to '{out}': {error.strerror}") from error
-    if old is not None:
-        shutil.rmtree(old, ignore_errors=True)
+    if old is None:
+        return
+    if own := _not_ours(old):  # put there in the very moment
+        put_in_place(old, out)
+        raise OutputError(f"'{out}' holds what mjmotion did not write: {own[0]}: move it")
+    shutil.rmtree(old, ignore_errors=True)

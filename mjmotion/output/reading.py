@@ -6,7 +6,6 @@ motion, contacts = read_motion("out/walk")
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +14,10 @@ import mujoco
 from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.morph_body import MorphBody
 from mjmotion.body.motion import Motion
+from mjmotion.boundary.limits import MOST_COUNT, at_most, real_number, shown, whole_number
+from mjmotion.boundary.mjcf import check_mjcf, check_model
+from mjmotion.boundary.structured import read_json
+from mjmotion.boundary.words import first_line
 from mjmotion.clips import builtin_contacts, load_clip
 from mjmotion.constraints.unmet import Unmet
 from mjmotion.exceptions import MotionError, mujoco_message
@@ -23,6 +26,7 @@ from mjmotion.output.folder import BODY, CONTACTS, MODEL, MOTION, REPORT, SOURCE
 from mjmotion.output.result import Result
 
 _NEEDED = (MOTION, SOURCE, MODEL, CONTACTS)
+_OF_A_LEVEL = ("level", "frames_per_knot", "seconds", "max_error_percent")
 
 
 def read_results(folder: str | Path) -> Result:
@@ -129,10 +133,13 @@ def load_model(path: str | Path) -> mujoco.MjModel:
     path = Path(path)
     if not path.is_file():
         raise MotionError(f"model file '{path}' does not exist: check the path")
+    check_mjcf(path, MotionError)
     try:
-        return mujoco.MjModel.from_xml_path(str(path))
+        model = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
         raise MotionError(f"model '{path}' does not compile: {mujoco_message(error)}") from error
+    check_model(model, f"model '{path}'", MotionError)
+    return model
 
 
 def _read_report(path: Path) -> tuple[dict[str, Any], tuple[Unmet, ...]]:
@@ -143,31 +150,47 @@ def _read_report(path: Path) -> tuple[dict[str, Any], tuple[Unmet, ...]]:
     """
     if not path.is_file():
         return {}, ()
+    report = read_json(path, "report")
     try:
-        report = json.loads(path.read_text("utf-8"))
         if not isinstance(report, dict):
             raise TypeError("not an object")
         for name in ("levels", "unmet"):
             report[name] = [dict(entry) for entry in report.get(name) or ()]
+            at_most(len(report[name]), MOST_COUNT, name)
+        for level in report["levels"]:
+            for name in _OF_A_LEVEL:
+                level[name] = real_number(level[name], name)
+        for name in ("fit_seconds", "exact_error_percent"):
+            if report.get(name) is not None:
+                real_number(report[name], name)
+        if not isinstance(report.get("title") or "", str):
+            raise TypeError(f"title is {shown(report['title'])}")
         unmet = tuple(_unmet(entry) for entry in report["unmet"])
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise MotionError(
-            f"'{path}' is not a report of mjmotion ({error}): remove it and validate again"
-        ) from error
+    except KeyError as error:
+        raise _no_report(path, f"it lacks {error}") from error
+    except (ValueError, TypeError, MotionError) as error:
+        raise _no_report(path, first_line(error)) from error
     return report, unmet
+
+
+def _no_report(path: Path, why: str) -> MotionError:
+    return MotionError(f"'{path}' is not a report of mjmotion ({why}): remove it, validate again")
 
 
 def _unmet(entry: dict[str, Any]) -> Unmet:
     """Return an entry of ``unmet``, as :meth:`Unmet.as_dict` wrote it."""
     millimetres, degrees = (
-        None if entry.get(name) is None else float(entry[name])
+        None if entry.get(name) is None else real_number(entry[name], name)
         for name in ("residual_mm", "residual_deg")
     )
+    words = entry["constraint"], entry.get("source", "scene")
+    if not all(isinstance(word, str) for word in words) or not isinstance(entry["frames"], list):
+        raise TypeError("an entry of unmet has no words for its constraint, or no list of frames")
     return Unmet(
-        str(entry["constraint"]),
-        tuple(int(frame) for frame in entry["frames"]),
+        words[0],
+        tuple(whole_number(frame, "a frame of unmet") for frame in entry["frames"]),
         millimetres,
         degrees,
-        int(entry.get("index", 0)),
-        str(entry.get("source", "scene")),
+        whole_number(entry.get("index", 0), "index"),
+        words[1],
     )

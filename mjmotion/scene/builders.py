@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 import mujoco
 import numpy as np
 
+from mjmotion.boundary.limits import MOST_SCENE_PARTS, at_most
 from mjmotion.exceptions import SceneError
 from mjmotion.scene.heights import from_heights
 from mjmotion.scene.rope_scene import rope
@@ -89,6 +90,7 @@ def doors(
     spec = terrain(seed) if base is None else base.copy()
     if not doorways:
         raise SceneError("doors: no doorway was given: give at least one")
+    at_most(len(doorways), MOST_SCENE_PARTS, "doors: doorways", SceneError)
     if base is None:
         spec.modelname = "terrain with doors"
     for number, door in enumerate(doorways, start=1):
@@ -120,6 +122,7 @@ def stairs(
     """
     check_positive("stairs", steps=steps, rise=rise, tread=tread, landing=landing, width=width)
     check_positive("stairs", distance=distance)
+    at_most(steps, MOST_SCENE_PARTS, "stairs: steps", SceneError)
     spec = new_scene("stairs", radius=14.0)
     _add_floor(spec)
     up = [(rise * (i + 1), tread, f"up{i + 1}") for i in range(steps - 1)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,15 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mjmotion.boundary.arrays import read_array
+from mjmotion.boundary.limits import (
+    MOST_ASSET,
+    MOST_LENGTH,
+    MOST_SAMPLES,
+    at_most,
+    real_array,
+)
+from mjmotion.boundary.words import first_line
 from mjmotion.exceptions import SceneError, mujoco_message
 from mjmotion.scene.stage import (
     GROUND,
@@ -21,7 +31,6 @@ from mjmotion.scene.stage import (
 
 _BASE = 1.0  # [m], how far the solid under a heightfield reaches below its lowest point
 _IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
-_MAX_SAMPLES = 4_000_000
 
 
 def from_heights(
@@ -57,7 +66,9 @@ def from_heights(
     if up not in ("y", "z"):
         raise SceneError(f"heights: up is '{up}', it must be 'y' or 'z'")
     if not isinstance(source, (str, Path)):
-        return _field_scene("heights", np.asarray(source, dtype=np.float64) * scale, cell, start)
+        return _field_scene(
+            "heights", real_array(source, "heights", SceneError) * scale, cell, start
+        )
     path = Path(source)
     if not path.is_file():
         raise SceneError(f"heights file '{path}' does not exist: check the path")
@@ -114,12 +125,14 @@ def _field_scene(
         raise SceneError(
             f"heights '{what}' have shape {heights.shape}: they must be a grid of at least 2 x 2"
         )
+    at_most(heights.size, MOST_SAMPLES, f"heights '{what}'", SceneError)
     if not np.isfinite(heights).all():
         row, column = np.argwhere(~np.isfinite(heights))[0]
         raise SceneError(
             f"heights '{what}' are not finite at row {row}, column {column}: fill the gaps"
         )
     size = np.array([heights.shape[1] - 1, heights.shape[0] - 1]) * cell
+    _check_lengths(what, heights, size)
     corner = -_start_in(what, size, start)
     x_range = (float(corner[0]), float(corner[0] + size[0]))
     y_range = (float(corner[1]), float(corner[1] + size[1]))
@@ -128,6 +141,11 @@ def _field_scene(
     add_heightfield(spec, "heights", heights, x_range, y_range)
     add_start(spec)
     return spec
+
+
+def _check_lengths(what: str, heights: NDArray[np.float64], size: NDArray[np.float64]) -> None:
+    at_most(float(np.abs(heights).max()), MOST_LENGTH, f"heights '{what}' [m]", SceneError)
+    at_most(float(size.max()), MOST_LENGTH, f"size of '{what}' [m]", SceneError)
 
 
 def _start_in(
@@ -149,25 +167,32 @@ def _start_in(
 
 def _read_npy(path: Path) -> NDArray[np.float64]:
     try:
-        heights = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+        heights = read_array(path)
+    except ValueError as error:
         raise SceneError(f"'{path}' is not an array file ({error}): save it with numpy") from error
-    if not isinstance(heights, np.ndarray) or heights.dtype.kind not in "fiu":
-        raise SceneError(f"'{path}' does not hold real numbers: save heights in metres")
-    return heights.astype(np.float64)
+    return real_array(heights, f"'{path}'", SceneError)
 
 
 def _read_image(path: Path) -> NDArray[np.float64]:
     """Return the grey levels (nrow, ncol) of an image from 0 to 1, its bottom row first."""
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     try:
-        with Image.open(path) as image:
+        with warnings.catch_warnings(), Image.open(path) as image:
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            width, height = image.size
+            at_most(width * height, MOST_SAMPLES, f"pixels of '{path}'", SceneError)
             # Those modes hold more than 8 bits of grey.
             keep = image.mode in ("I;16", "I", "F")
             grey = np.asarray(image if keep else image.convert("L"))
-    except (OSError, UnidentifiedImageError, ValueError, SyntaxError) as error:
-        raise SceneError(f"'{path}' is not an image that can be read ({error})") from error
+    except SceneError:
+        raise
+    except Image.DecompressionBombError:
+        most = f"{MOST_SAMPLES:,}"
+        raise SceneError(f"'{path}' has more pixels than can be read: at most {most}") from None
+    except Exception as error:  # Pillow's many readers raise whatever they raise
+        why = first_line(error)
+        raise SceneError(f"'{path}' is not an image that can be read ({why})") from error
     # Grey is float, 8 bits, or 16 bits (which Pillow's mode I keeps in signed integers).
     levels = {np.dtype(np.float32): 1.0, np.dtype(np.uint8): 255.0}
     white = levels.get(grey.dtype, 65535.0)
@@ -181,6 +206,7 @@ def _mesh_scene(
     if up == "y":
         vertices = vertices[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
     vertices = vertices * scale
+    at_most(float(np.abs(vertices).max()), MOST_LENGTH, f"vertices of '{path}' [m]", SceneError)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     size = (high - low)[:2]
     if size.min() <= 0:
@@ -204,6 +230,7 @@ def _read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], bool
     """Return vertices (n, 3), faces (m, 3), and whether the mesh is convex and closed."""
     import trimesh
 
+    at_most(path.stat().st_size, MOST_ASSET, f"bytes of '{path}'", SceneError)
     try:
         mesh: Any = trimesh.load_mesh(str(path))
         if isinstance(mesh, trimesh.Scene):
@@ -249,10 +276,10 @@ def _sample(
     count = np.floor((high - low)[:2] / cell + 1e-9).astype(int) + 1
     if count.min() < 2:
         raise SceneError(f"mesh '{path}' is smaller than a cell of {cell} m: check its scale")
-    if count.prod() > _MAX_SAMPLES:
+    if float(count[0]) * float(count[1]) > MOST_SAMPLES:
         raise SceneError(
-            f"mesh '{path}' needs {count.prod()} samples of {cell} m: check its scale or use"
-            " larger cells"
+            f"mesh '{path}' needs {count[0]} x {count[1]} samples of {cell} m: check its scale or"
+            " use larger cells"
         )
     spec = mujoco.MjSpec()
     _add_mesh(spec, vertices, faces)

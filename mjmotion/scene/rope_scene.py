@@ -11,6 +11,7 @@ import math
 
 import mujoco
 
+from mjmotion.boundary.limits import MOST_SCENE_PARTS, at_most
 from mjmotion.exceptions import SceneError
 from mjmotion.scene.stage import FLOOR, WOOD, add_start, check_positive, new_scene
 
@@ -55,6 +56,7 @@ def rope(
         raise SceneError(f"rope: length is {length:g} m, it must be less than the beam's {beam:g}")
     if not radius <= edge <= length / 3:
         raise SceneError(f"rope: edge is {edge:g} m: give {radius:g} to {length / 3:g}")
+    at_most(length / edge, MOST_SCENE_PARTS, "rope: points", SceneError)
     spec = new_scene("rope", center=(0.0, 0.0), radius=6.0)
     spec.worldbody.add_geom(
         name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0.0, 0.0, 0.05), material=FLOOR

@@ -10,6 +10,7 @@ from xml.sax.saxutils import escape
 import mujoco
 import numpy as np
 
+from mjmotion.boundary.whole import write_whole
 from mjmotion.exceptions import OutputError, SceneError, mujoco_message
 
 _CUBE_FACES = 6
@@ -52,7 +53,7 @@ def save_model(spec: mujoco.MjSpec, folder: str | Path, filename: str = "model.x
         # As written, not as compiled: every number exact, and frames and classes kept.
         spec.compiler.savecompiled = False
         path = folder / filename
-        path.write_text(_relative(spec.to_xml(), folder), encoding="utf-8")
+        write_whole(path, _relative(spec.to_xml(), folder))
     except OSError as error:
         raise OutputError(
             f"cannot write the model into '{folder}': {error.strerror or error}"
@@ -167,5 +168,5 @@ def _place(folder: Path, stem: str, suffix: str, contents: bytes) -> str:
             return str(folder / name)
         number += 1
         name = f"{stem}-{number}{suffix}"
-    (folder / name).write_bytes(contents)
+    write_whole(folder / name, contents)
     return str(folder / name)

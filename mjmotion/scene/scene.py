@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.assets import find_asset
+from mjmotion.boundary.mjcf import check_mjcf, check_model
 from mjmotion.exceptions import SceneError, mujoco_message
 from mjmotion.scene.ground import Ground
 from mjmotion.scene.quiet import quiet
@@ -98,6 +99,7 @@ class Scene:
                 model = spec.compile()
         except (ValueError, OSError, mujoco.FatalError) as error:
             raise SceneError(f"scene '{name}' does not compile: {mujoco_message(error)}") from error
+        check_model(model, f"scene '{name}'", SceneError)
         pos, yaw = _start(model, name)
         return cls(spec, model, name, pos, yaw)
 
@@ -111,6 +113,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     path = find_asset("scene", name_or_path).resolve()
     if path.suffix.lower() not in _FILE_LIKE:
         raise SceneError(f"scene '{path}' is not an MJCF file (.xml): give a MuJoCo model")
+    check_mjcf(path, SceneError)
     try:
         with quiet():
             spec = mujoco.MjSpec.from_file(str(path))

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mjmotion.boundary.limits import MOST_LENGTH, at_most, real_number
 from mjmotion.exceptions import SceneError
 from mjmotion.scene.composing import add_sky, add_sun
 from mjmotion.scene.scene import START_SITE
@@ -113,8 +114,10 @@ def yaw_quat(yaw: float) -> tuple[float, float, float, float]:
 def check_positive(what: str, **values: float) -> None:
     """Raise SceneError for the first of ``values`` that is not a positive finite number."""
     for name, value in values.items():
-        if not (np.isfinite(value) and value > 0):
+        number = real_number(value, f"{what}: {name}", SceneError)
+        if not number > 0:
             raise SceneError(f"{what}: {name} is {value}, it must be a positive number")
+        at_most(number, MOST_LENGTH, f"{what}: {name}", SceneError)
 
 
 def check_range(what: str, **ranges: tuple[float, float]) -> None:
@@ -122,6 +125,7 @@ def check_range(what: str, **ranges: tuple[float, float]) -> None:
     for name, (low, high) in ranges.items():
         if not (np.isfinite(low) and np.isfinite(high) and low < high):
             raise SceneError(f"{what}: {name} is ({low}, {high}), it must run from low to high")
+        at_most(max(abs(low), abs(high)), MOST_LENGTH, f"{what}: {name} [m]", SceneError)
 
 
 def _add_grid(

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mjmotion.boundary.limits import MOST_SAMPLES, at_most
 from mjmotion.exceptions import SceneError
 from mjmotion.scene.heights import add_heightfield
 from mjmotion.scene.stage import add_start, check_positive, check_range, new_scene
@@ -38,6 +39,9 @@ def terrain(
     """
     check_positive("terrain", spacing=spacing, height=height, cell=cell)
     check_range("terrain", x_range=x_range, y_range=y_range)
+    for name, step in (("cell", cell), ("spacing", spacing)):
+        count = (np.ptp(x_range) / step + 3) * (np.ptp(y_range) / step + 3)
+        at_most(count, MOST_SAMPLES, f"terrain: {name} is {step} m, samples", SceneError)
     x = _samples(x_range, cell)
     y = _samples(y_range, cell)
     control = control_heights(seed, spacing, height, x_range, y_range)

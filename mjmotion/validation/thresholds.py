@@ -91,15 +91,9 @@ def read_thresholds(
 
 
 def _read_file(path: Path) -> Mapping[str, object]:
-    import yaml  # only here: a third of mjmotion's own import time
+    from mjmotion.boundary.structured import read_structured
 
-    try:
-        content = yaml.safe_load(path.read_text("utf-8"))
-    except OSError as error:
-        raise MotionError(f"thresholds file '{path}' cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise MotionError(f"thresholds file '{path}' is not YAML: {reason}") from error
+    content = read_structured(path, "thresholds file")
     if content is None:
         return {}
     if not isinstance(content, dict):

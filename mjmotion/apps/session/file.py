@@ -11,8 +11,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +21,7 @@ from mjmotion.apps.session.history import State
 from mjmotion.apps.session.session import EditSession
 from mjmotion.body.assets import asset_names, find_asset
 from mjmotion.body.motion import Motion
+from mjmotion.boundary.whole import write_whole
 from mjmotion.exceptions import MotionError, SessionError
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.output.reading import read_motion
@@ -73,16 +72,7 @@ def save_session(path: str | Path, session: EditSession) -> Path:
     path = Path(path)
     text = json.dumps(session_json(session), indent=1, allow_nan=False)
     try:
-        handle, aside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent or ".")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            Path(aside).replace(path)
-        except BaseException:
-            Path(aside).unlink(missing_ok=True)
-            raise
+        write_whole(path, text)
     except OSError as error:
         raise OutputError(f"cannot write '{path}': {error.strerror or error}") from error
     return path

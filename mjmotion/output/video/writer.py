@@ -6,6 +6,7 @@ priority, and is fed from a bounded queue by a thread of its own.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import platform
 import queue
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.boundary.whole import whole_file
 from mjmotion.exceptions import OutputError, RenderError
 
 _QUEUE = 8  # frames in flight: 22 MB at 1280×720
@@ -59,7 +61,11 @@ class VideoWriter:
                 f"folder '{folder}' does not exist or cannot be written: choose another"
             )
         self._size, self._fps, self._crf = (width, height), fps, crf
-        self._aside = self.path.with_name(f".{self.path.stem}.{os.getpid()}.mp4")
+        self._whole = whole_file(self.path, ".mp4")
+        try:
+            self._aside = self._whole.__enter__()
+        except OSError as fault:
+            raise OutputError(f"cannot write '{self.path}': {fault.strerror}") from fault
         self._queue: queue.Queue[NDArray[np.uint8] | None] = queue.Queue(_QUEUE)
         self._error: Exception | None = None
         self._frames = 0
@@ -96,9 +102,15 @@ class VideoWriter:
             if error is None:
                 self._check()
                 self._verify()
-                self._aside.replace(self.path)
-        finally:
-            self._aside.unlink(missing_ok=True)
+        except BaseException as fault:
+            with contextlib.suppress(type(fault)):
+                self._whole.__exit__(type(fault), fault, fault.__traceback__)
+            raise
+        if error is None:
+            self._whole.__exit__(None, None, None)
+        else:
+            with contextlib.suppress(type(error)):
+                self._whole.__exit__(kind, error, trace)
 
     def _check(self) -> None:
         if self._error is not None:
