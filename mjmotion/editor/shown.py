@@ -136,9 +136,13 @@ class Shown:
 
     @cached_property
     def traced(self) -> tuple[str, ...]:
-        """The sites whose paths are drawn: a hand or a foot of each limb, and one of the root."""
-        model = self.model
-        ends = [root_body(model), *sorted(self.motion.character.limb_by_end)]
+        """The sites whose paths are drawn: a hand or a foot of each limb, and one of the root.
+
+        Of a body without such limbs, such as many robots, one of every body that has a site.
+        """
+        model, root = self.model, root_body(self.model)
+        others = {int(model.site_bodyid[site]) for site in self.sites.values()} - {root}
+        ends = [root, *sorted(self.motion.character.limb_by_end or others)]
         found = []
         for body in ends:
             mine = [name for name, site in self.sites.items() if model.site_bodyid[site] == body]
