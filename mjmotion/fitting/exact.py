@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from functools import partial
+from functools import cached_property, partial
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -71,6 +72,7 @@ class ExactPass:
             qpos, known = self._within_reach(qpos, self.problem.enforce(qpos[frames]))
             closed, beyond = self._closed(qpos, known)
             beyond = np.where(beyond < HOPELESS, beyond, 0.0)
+        qpos, closed = self._standing_last(qpos, closed)
         if qpos is not fitted and (followed := self._follow(qpos)) is not qpos:
             closed, _ = self._closed(followed)
         return closed, error
@@ -83,6 +85,21 @@ class ExactPass:
         moved[:, 2] += self._spread(solution.rise)
         return moved, None
 
+    def _standing_last(self, qpos: Array, closed: Array) -> tuple[Array, Array]:
+        """Let what stands have the last word on the root: a hand out of reach takes no foot along.
+
+        Returns:
+          poses with the root where legs reach, and the same closed.
+        """
+        if not self.targets.contact.any() or self.targets.contact.all():
+            return qpos, closed
+        rise = self.problem.enforce(qpos[self.targets.frames]).standing_rise
+        if rise is None or not rise.any():
+            return qpos, closed
+        moved = qpos.copy()
+        moved[:, 2] += self._spread(rise)
+        return moved, self._closed(moved)[0]
+
     def _closed(self, qpos: Array, solution: Solution | None = None) -> tuple[Array, Array]:
         """Return poses that meet the targets, within limits, and how far they were out (n,)."""
         frames, model = self.targets.frames, self.motion.model
@@ -91,7 +108,30 @@ class ExactPass:
             solution = self.problem.enforce(qpos[frames])
         closed[frames] = oplus(model, qpos[frames], solution.displacement)
         clamped = self.motion.character.within_limits(closed)
-        return clamped, np.abs(clamped[frames] - closed[frames]).max(axis=1)
+        off = np.abs(clamped[frames] - closed[frames])
+        return clamped, np.where(self._standing, off, 0.0).max(axis=1)
+
+    @cached_property
+    def _standing(self) -> NDArray[np.bool_]:
+        """Which numbers of a pose (n, nq) the root gives for: of limbs that stand or hold on.
+
+        Where nothing does, of all. A hand that is asked for more than an arm does must not take a
+        foot off its place.
+        """
+        character, targets = self.motion.character, self.targets
+        model, stands = character.model, targets.contact.any(axis=1)
+        counts = np.zeros((len(targets.frames), model.nq), dtype=bool)
+        counts[~stands] = True
+        for column, site in enumerate(targets.sites):
+            limb = character.limb_by_end.get(int(model.site_bodyid[site]))
+            if limb is None:
+                counts[targets.contact[:, column]] = True
+                continue
+            for body in (limb.upper, limb.lower, limb.end):
+                first = int(model.jnt_qposadr[model.body_jntadr[body]])
+                ball = model.jnt_type[model.body_jntadr[body]] == mujoco.mjtJoint.mjJNT_BALL
+                counts[targets.contact[:, column], first : first + (4 if ball else 1)] = True
+        return counts
 
     def _spread(self, rise: Array) -> Array:
         """Spread smoothly over frames (nframe,) what the root must rise or sink at some."""

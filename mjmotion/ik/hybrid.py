@@ -30,12 +30,12 @@ from mjmotion.body.bones import Bones
 from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.kinematics import body_dofs
 from mjmotion.body.limbs import Limb, Limbs, LimbState
-from mjmotion.body.reach import drop_to_reach
 from mjmotion.constraints import Targets
 from mjmotion.constraints.shared_targets import Sensitivity
 from mjmotion.ik.body import Base, Reduced
 from mjmotion.ik.edges import Edges, find_edges, same
 from mjmotion.ik.numeric import NumericIK
+from mjmotion.ik.rise import REACH_SHARE, rise_to_reach
 from mjmotion.ik.solver import Clearance, Deviation, Solution, default_rigidity
 from mjmotion.numerics.rotations import conjugate, dot, exp, log, multiply, norm, rotate
 
@@ -43,8 +43,6 @@ Array = NDArray[np.float64]
 
 REACH_PENALTY = 3e3  # ω of Eq. 6 for a limb that does not reach [1/m²]
 KEEP_WITHIN = 0.08  # T is kept from level to level while errors are below this share of a limb
-FOLD_SHARE = 1.001  # the same for the least length that a knee can fold it to
-REACH_SHARE = 0.996  # share of a limb's length that counts as reach: a straight knee is singular
 
 
 class HybridIK:
@@ -157,19 +155,20 @@ class HybridProblem:
     def enforce(self, qpos: Array) -> Solution:
         """Close every held limb where the body is (§4.4): the body stays as fitted."""
         displacement = np.zeros((len(qpos), self._model.nv))
-        error, rise = np.zeros(len(qpos)), np.zeros(len(qpos))
+        error, rise, standing = (np.zeros(len(qpos)) for _ in range(3))
         if self._limbs is not None:
             limbs = self._limbs
             state = limbs.state(qpos)
             goal, end, error = self._goals(limbs, state)
             step = limbs.close(state, goal, end)
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
-            rise = _rise(limbs, state, goal)
+            rise = rise_to_reach(limbs, state, goal)
+            standing = rise_to_reach(limbs, state, goal, self._mine.contact)
         rows = np.flatnonzero(self._other)
         if len(rows):
             few = self._numeric.at(rows).enforce(qpos[rows])
             displacement[rows], error[rows] = few.displacement, few.error
-        return Solution(displacement, error, rise)
+        return Solution(displacement, error, rise, standing_rise=standing)
 
     def sensitivity(
         self, qpos: Array, deviation: Deviation | None = None, last: Solution | None = None
@@ -378,23 +377,3 @@ def _closable(
         # Some joints of a couple carry the limbs and some do not: T knows only those that do.
         return (), np.zeros_like(closable)
     return tuple(limbs), closable
-
-
-def _rise(limbs: Limbs, state: LimbState, goal: Array) -> Array:
-    """How far the root would have to go up (n,) [m] for every limb to reach; down is negative."""
-    rise = np.zeros(len(goal))
-    square = dot(goal, goal)
-    reach = np.broadcast_to(REACH_SHARE * limbs.reach, square.shape)
-    fold = np.broadcast_to(FOLD_SHARE * limbs.fold, square.shape)
-    far = square > reach * reach
-    rows, which = np.nonzero(far | (square < fold * fold))
-    if len(rows):
-        base_quat = np.broadcast_to(state.base_quat, (*goal.shape[:2], 4))
-        apart = rotate(base_quat[rows, which], goal[rows, which])
-        beyond, longest = far[rows, which], reach[rows, which]
-        length = np.where(beyond, longest, fold[rows, which])
-        # A goal over its hip is the same upside down; too near, a drop comes out negative.
-        short = drop_to_reach(np.abs(apart), np.zeros(3), length, 0.5 * longest * beyond)
-        order = np.argsort(np.abs(short))  # the limb that is furthest off decides
-        rise[rows[order]] = (np.sign(apart[:, 2]) * short)[order]
-    return rise

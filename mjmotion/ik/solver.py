@@ -84,6 +84,7 @@ class Solution:
       error: (n,) largest position error of each frame before solving [m].
       rise: (n,) where the solver leaves the root alone, how far it would have to go up for all to
         be in reach [m]; down is negative. None where the root took part.
+      standing_rise: (n,) the same for what stands or holds on alone.
       pushed: (n,) frames that inequalities ask anything of: any of their joints may serve.
       memory: what the solver takes over to the next level; its own affair.
     """
@@ -91,6 +92,7 @@ class Solution:
     displacement: Array
     error: Array
     rise: Array | None = None
+    standing_rise: Array | None = None
     pushed: NDArray[np.bool_] | None = None
     memory: Any = None
 
