@@ -164,7 +164,7 @@ class HybridProblem:
             goal, end, error = self._goals(limbs, state)
             step = limbs.close(state, goal, end)
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
-            rise = _rise(limbs, state, goal)
+            rise = _rise(limbs, state, goal, self._mine.position_weight > 0.0)
         rows = np.flatnonzero(self._other)
         if len(rows):
             few = self._numeric.at(rows).enforce(qpos[rows])
@@ -380,14 +380,14 @@ def _closable(
     return tuple(limbs), closable
 
 
-def _rise(limbs: Limbs, state: LimbState, goal: Array) -> Array:
-    """How far the root would have to go up (n,) [m] for every limb to reach; down is negative."""
+def _rise(limbs: Limbs, state: LimbState, goal: Array, held: NDArray[np.bool_]) -> Array:
+    """How far the root must go up (n,) [m], or down, for limbs ``held`` in their place to reach."""
     rise = np.zeros(len(goal))
     square = dot(goal, goal)
     reach = np.broadcast_to(REACH_SHARE * limbs.reach, square.shape)
     fold = np.broadcast_to(FOLD_SHARE * limbs.fold, square.shape)
     far = square > reach * reach
-    rows, which = np.nonzero(far | (square < fold * fold))
+    rows, which = np.nonzero((far | (square < fold * fold)) & held)
     if len(rows):
         base_quat = np.broadcast_to(state.base_quat, (*goal.shape[:2], 4))
         apart = rotate(base_quat[rows, which], goal[rows, which])
