@@ -13,10 +13,10 @@ from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.clips.foot_planting import toe_bend
 from mjmotion.clips.recorded_feet import RecordedFoot
-from mjmotion.footsteps.contacts import contact_mask
+from mjmotion.footsteps.contacts import Contact, contact_mask
 from mjmotion.footsteps.footholds import Stance, find_footholds
 from mjmotion.footsteps.paths import turned_about_toes, with_toes
-from mjmotion.footsteps.plan import Plan, make_plan
+from mjmotion.footsteps.plan import Plan, make_plan, with_ends
 from mjmotion.footsteps.toes import ball_over_tip, pitch_between, rolled_no_further
 from mjmotion.footsteps.under_toes import TOES_DOWN, TOES_UP, toes_on_ground
 from mjmotion.ik.count import parameters
@@ -243,6 +243,15 @@ def test_toes_follow_ground_that_rises_a_little_ahead() -> None:
         scene = Scene.of(mujoco.MjSpec.from_string(floor.format(geoms)))
         (stands,) = find_footholds((stance,), (foot,), scene.ground, 0.0)
         assert (stands.moved == 0.0) == stays
+
+
+def test_a_stance_ends_as_its_ball_leaves_the_ground() -> None:
+    feet, place = humanoid().feet, (np.zeros(3), np.array((1.0, 0.0, 0.0, 0.0)))
+    stances = (Stance(0, (0, 10), (3, 20), *place), Stance(1, (12, 30), (14, 40), *place))
+    left = (Contact("left_toe", 3, 8), Contact("left_toe", 9, 16), Contact("right_toe", 14, 40))
+    first, second = with_ends(stances, feet, left)
+    assert first.toe == (3, 16) and first.heel == (0, 10)
+    assert second is stances[1]
 
 
 def test_the_figures_see_them() -> None:

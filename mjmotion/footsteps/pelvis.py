@@ -36,7 +36,7 @@ REACH_FREE = 0.97  # share of a leg's length that a root path may always ask for
 REACH_MOST = 0.9995  # the most it may ask for, where the source did
 LEAST_HEIGHT = 0.5  # of a leg's length that a hip keeps over its ankle, however far that is
 DROP_TIME = 0.3  # how far on either side it is felt that a leg would not reach [s]
-HEIGHT_TIME = 0.25  # τ of the root's height [s]
+HEIGHT_TIME = 0.3  # τ of the root's height [s]
 PLANE_TIME = 0.3  # τ of its way over the plane, which only follows the feet [s]
 ANKLE_SPARE = 0.08  # how far within its range an ankle is planned [rad]
 # Prices of being out of a bound, against being off the feet's mean shift.

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.body.feet import Foot
 from mjmotion.body.kinematics import Kinematics, Pose
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
@@ -205,6 +206,13 @@ def _on_ground(
         planned(index, Detour(move, tip)) if move.any() or tip.any() else paths[index]
         for index, (move, tip) in enumerate(zip(moves, tips, strict=True))
     )
+    # A ball that its foot rolls off before its time stands no longer: from then on it swings.
+    spots = (stances, footholds)
+    found = trim_toe_contacts(found, feet, paths, spots, SHORTEST * source.fps)
+    stances = with_ends(stances, feet, found)
+    if any(new is not old for new, old in zip(stances, spots[0], strict=True)):
+        details = zip(moves, tips, strict=True)
+        paths = tuple(planned(index, Detour(*detail)) for index, detail in enumerate(details))
     shift = root_shift(source, pose, paths, found)
     paths = within_reach(source, pose, paths, found, shift)
     relaxed, trimmed = relax_ankles(shifted(source, shift), feet, paths, found)
@@ -214,6 +222,19 @@ def _on_ground(
     found = trim_toe_contacts(found, feet, paths, (stances, footholds), SHORTEST * source.fps)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
     return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles)
+
+
+def with_ends(
+    stances: Sequence[Stance], feet: Sequence[Foot], contacts: Sequence[Contact]
+) -> tuple[Stance, ...]:
+    """Return stances that end with the last of what their toe contacts were cut to, if anything."""
+    ended = []
+    for stance in stances:
+        name, (start, end) = f"{feet[stance.foot].side}_toe", stance.toe
+        ends = [one.end for one in contacts if one.site == name and start < one.end <= end]
+        last = max(ends, default=end)
+        ended.append(stance if last == end else dataclasses.replace(stance, toe=(start, last)))
+    return tuple(ended)
 
 
 def shifted(motion: Motion, shift: Array) -> Motion:

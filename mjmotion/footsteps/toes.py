@@ -18,7 +18,7 @@ from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
 
-BACK_TIME = 0.1  # what they are bent other than the source's dies out as exp(-t / this) [s]
+BACK_TIME = 0.05  # what they are bent other than the source's dies out as exp(-t / this) [s]
 GIVE_TIME = 0.03  # how far on either side a giving of the toes is felt [s]
 _GIVES = 2  # times that it is looked how far they must give
 _SHORT = 0.02  # least lever that this is reckoned with [m]

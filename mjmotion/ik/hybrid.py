@@ -162,7 +162,7 @@ class HybridProblem:
             goal, end, error = self._goals(limbs, state)
             step = limbs.close(state, goal, end)
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
-            rise = rise_to_reach(limbs, state, goal)
+            rise = rise_to_reach(limbs, state, goal, self._mine.position_weight > 0.0)
             standing = rise_to_reach(limbs, state, goal, self._mine.contact)
         rows = np.flatnonzero(self._other)
         if len(rows):

@@ -15,12 +15,10 @@ REACH_SHARE = 0.996  # share of a limb's length that counts as reach: a straight
 FOLD_SHARE = 1.001  # the same for the least length that a knee can fold it to
 
 
-def rise_to_reach(
-    limbs: Limbs, state: LimbState, goal: Array, counts: NDArray[np.bool_] | None = None
-) -> Array:
+def rise_to_reach(limbs: Limbs, state: LimbState, goal: Array, counts: NDArray[np.bool_]) -> Array:
     """How far the root would have to go up (n,) [m] for every limb to reach; down is negative.
 
-    ``counts`` (n, nlimb) are the limbs that it is to do so for; all without.
+    ``counts`` (n, nlimb) are the limbs that it is to do so for: one that is only turned asks nothing.
     """
     rise = np.zeros(len(goal))
     square = dot(goal, goal)
@@ -28,7 +26,7 @@ def rise_to_reach(
     fold = np.broadcast_to(FOLD_SHARE * limbs.fold, square.shape)
     far = square > reach * reach
     wanting = far | (square < fold * fold)
-    rows, which = np.nonzero(wanting if counts is None else wanting & counts)
+    rows, which = np.nonzero(wanting & counts)
     if len(rows):
         base_quat = np.broadcast_to(state.base_quat, (*goal.shape[:2], 4))
         apart = rotate(base_quat[rows, which], goal[rows, which])
