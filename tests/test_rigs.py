@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 from pathlib import Path
 
 import command_line
@@ -11,8 +12,10 @@ import pytest
 from named_skeletons import NAMINGS, bone_errors, walk_on
 
 from mjmotion.body.motion import Motion
+from mjmotion.cli.main import parse
 from mjmotion.clips import find_rig, load_clip, map_clip, read_clip
 from mjmotion.clips.joint_names import simplified, which_side
+from mjmotion.clips.reading import SUFFIXES
 from mjmotion.clips.rig import find_roles
 from mjmotion.clips.skeleton import Clip
 from mjmotion.exceptions import ClipError
@@ -247,3 +250,22 @@ def test_info_has_no_mapping_of_other_things(tmp_path: Path) -> None:
     done = command_line.run("info", "walk", "--write-mapping", tmp_path / "map.yaml")
     assert done.returncode == 2
     assert "no recording" in done.stderr
+
+
+# --- The page for people with a file ------------------------------------------------------------
+
+PAGE = (Path(__file__).parents[1] / "docs" / "recording.md").read_text("utf-8")
+
+
+def test_commands_of_the_page_parse() -> None:
+    lines = [line for line in PAGE.splitlines() if line.startswith("mjmotion ")]
+    assert len(lines) >= 6
+    for line in lines:
+        parse(shlex.split(line)[1:])
+    for option in ("--mapping", "--write-mapping", "--fps", "--in-place", "--loop"):
+        assert any(option in line for line in lines)
+
+
+def test_formats_of_the_page_are_read() -> None:
+    for suffix in SUFFIXES:
+        assert f"`{suffix}`" in PAGE

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from mjmotion.cli.arguments import (
     add_fitting,
     add_folder,
+    add_going,
     add_keyframe,
     add_reading,
     add_thresholds,
@@ -31,6 +32,8 @@ DEFAULTS: dict[str, Any] = {
     "mapping": None,
     "fps": None,
     "asf": None,
+    "in_place": None,
+    "loop": 1,
     "free_footholds": False,
     "threshold": [],
 }
@@ -59,6 +62,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="let each foothold move as a whole to where the walk changes least",
     )
     add_reading(parser)
+    add_going(parser)
     add_thresholds(parser)
     parser.set_defaults(**DEFAULTS)
 
@@ -105,10 +109,25 @@ def _read(args: argparse.Namespace) -> Motion:
     from mjmotion.cli.terminal import warn
     from mjmotion.clips import is_recording, load_clip, map_recording
 
-    how = {"mapping": args.mapping, "fps": args.fps, "asf": args.asf}
     if not is_recording(args.clip):
-        return load_clip(args.clip, args.character, **how)
-    mapped = map_recording(args.clip, args.character, **how)
-    for note in mapped.notes:
+        return load_clip(
+            args.clip,
+            args.character,
+            mapping=args.mapping,
+            fps=args.fps,
+            asf=args.asf,
+            in_place=args.in_place,
+            loop=args.loop,
+        )
+    mapped = map_recording(
+        args.clip,
+        args.character,
+        mapping=args.mapping,
+        fps=args.fps,
+        asf=args.asf,
+        in_place=args.in_place,
+        loop=args.loop,
+    )
+    for note in mapped.odd:
         warn(f"note: {note}")
     return mapped.motion

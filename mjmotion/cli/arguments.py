@@ -199,3 +199,26 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "--fps", type=rate, help="rate of the clip, where its file tells none or a wrong one"
     )
     parser.add_argument("--asf", type=Path, help="skeleton of an AMC file: the one beside it")
+
+
+def add_going(parser: argparse.ArgumentParser) -> None:
+    """Add what sets a recording going: ``--in-place`` and ``--loop``."""
+    parser.add_argument(
+        "--in-place",
+        type=travel,
+        metavar="travel|keep|SPEED",
+        help="of a clip walked in place: rebuild its travel from the feet, at this speed [m/s]",
+    )
+    parser.add_argument("--loop", type=count, default=1, metavar="N", help="repeat a loop N times")
+
+
+def travel(text: str) -> str | float:
+    """Return ``travel``, ``keep`` or a speed [m/s]."""
+    if text in ("travel", "keep"):
+        return text
+    try:
+        return positive(text)
+    except argparse.ArgumentTypeError:
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is not travel, keep or a speed in m/s such as 1.2"
+        ) from None

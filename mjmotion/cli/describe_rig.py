@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from mjmotion.cli.describe import describe_motion
-from mjmotion.clips import Clip, map_clip
+from mjmotion.clips import Clip
+from mjmotion.clips.in_place import going
 from mjmotion.clips.rig import FoundRoles, find_rig, find_roles
 from mjmotion.clips.rig_file import mapping_text
 from mjmotion.exceptions import ClipError, OutputError
@@ -47,7 +48,7 @@ def describe_recording(
         roles = FoundRoles(rig.joints, reasons, rig.notes)
         lines += tree_lines(clip, roles)
         try:
-            mapped = map_clip(clip, "humanoid", rig)
+            mapped = going(clip, "humanoid", rig)
         except ClipError as error:
             lines.append(f"note        it cannot be put on the humanoid: {error}")
         else:

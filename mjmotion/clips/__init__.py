@@ -14,6 +14,7 @@ from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.motion import Motion
 from mjmotion.clips.asf import read_amc
 from mjmotion.clips.bvh import read_bvh
+from mjmotion.clips.in_place import going
 from mjmotion.clips.mapping import Mapped, map_clip, to_motion
 from mjmotion.clips.reading import SUFFIXES, is_recording, not_read, read_clip
 from mjmotion.clips.rig import ROLES, Rig, find_rig
@@ -71,6 +72,8 @@ def map_recording(
     mapping: str | Path | Mapping[str, Any] | None = None,
     fps: float | None = None,
     asf: str | Path | None = None,
+    in_place: str | float | None = None,
+    loop: int = 1,
 ) -> Mapped:
     """Read a recording and put it on the humanoid, with the notes of what was found on the way.
 
@@ -80,12 +83,21 @@ def map_recording(
       mapping: mapping file, or its content (see :mod:`mjmotion.clips.rig_file`).
       fps: rate of the frames in place of the file's own.
       asf: for .amc: the skeleton, where it is not found beside the file.
+      in_place: for recordings walked in place: ``"travel"`` rebuilds the travel from the standing
+        feet, a number does so with this mean speed [m/s], ``"keep"`` leaves it, unsaid.
+      loop: for recordings that end as they begin: how often they are repeated.
 
     Raises:
       ClipError: the file is damaged, or its skeleton cannot be mapped.
     """
+    if not (in_place in (None, "keep", "travel") or _is_speed(in_place)):
+        raise ClipError(f"in_place is {in_place!r}: give 'travel', 'keep' or a speed in m/s")
     clip = read_clip(path, fps=fps, asf=asf)
-    return map_clip(clip, character, find_rig(clip, mapping))
+    return going(clip, character, find_rig(clip, mapping), in_place=in_place, loop=loop)
+
+
+def _is_speed(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 100
 
 
 def load_clip(
@@ -95,6 +107,8 @@ def load_clip(
     mapping: str | Path | Mapping[str, Any] | None = None,
     fps: float | None = None,
     asf: str | Path | None = None,
+    in_place: str | float | None = None,
+    loop: int = 1,
 ) -> Motion:
     """Return a clip as a motion of the humanoid.
 
@@ -106,6 +120,9 @@ def load_clip(
         :mod:`mjmotion.clips.rig_file`).
       fps: rate of the frames in place of the file's own.
       asf: for .amc: the skeleton, where it is not found beside the file.
+      in_place: for recordings walked in place: ``"travel"`` rebuilds the travel from the standing
+        feet, a number does so with this mean speed [m/s], ``"keep"`` leaves it, unsaid.
+      loop: for recordings that end as they begin: how often they are repeated.
 
     Raises:
       ClipError: no such file or name, a damaged file, a skeleton that cannot be mapped.
@@ -119,6 +136,12 @@ def load_clip(
             f"'{path}' is a folder: give a file of it, such as motion.npz, and the character it is"
             " for"
         )
+    if is_recording(path):
+        return map_recording(
+            path, character, mapping=mapping, fps=fps, asf=asf, in_place=in_place, loop=loop
+        ).motion
+    if asf is not None or in_place is not None or loop != 1:
+        raise ClipError(f"'{path}' is no recording: leave asf, in_place and loop")
     suffix = path.suffix.lower()
     if suffix == "" and not path.exists():
         names = builtin_clips()
@@ -126,8 +149,6 @@ def load_clip(
             message = unknown_name("clip", str(path_or_name), names)
             raise ClipError(f"{message}; or give a file ({', '.join(SUFFIXES)})")
         motion = names[str(path_or_name)](character)
-    elif is_recording(path) or asf is not None:
-        return map_recording(path, character, mapping=mapping, fps=fps, asf=asf).motion
     elif suffix == ".npz":
         motion = Motion.load(path, character)
     elif suffix == ".csv":

@@ -47,6 +47,7 @@ class Mapped:
       up: the file's vertical axis.
       clamped: number of frames in which a joint was put back inside its limits.
       notes: what the reader of a report should know, a line each.
+      odd: those of the notes that tell of something unusual.
     """
 
     motion: Motion
@@ -54,6 +55,7 @@ class Mapped:
     up: str
     clamped: int
     notes: tuple[str, ...]
+    odd: tuple[str, ...] = ()
 
 
 def to_motion(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Motion:
@@ -83,8 +85,8 @@ def map_clip(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Ma
     clip, dropped = drop_rest_frame(clip)
     clip, mended = mend_glitches(clip)
     source = make_upright(clip, rig, humanoid.leg)
-    notes = [*rig.notes, *(note for note in (dropped, mended) if note)]
-    notes.append(f"up axis {source.up_axis}, 1 unit of the file is {source.scale:.6g} m")
+    odd = (*rig.notes, *(note for note in (dropped, mended) if note))
+    notes = (*odd, f"up axis {source.up_axis}, 1 unit of the file is {source.scale:.6g} m")
     body = _trunk(source)
     root = (source.position("left_hip") + source.position("right_hip")) / 2
     feet = [
@@ -113,7 +115,7 @@ def map_clip(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Ma
     excess = character.limits.excess(qpos)
     clamped = int((excess > 1e-9).any(axis=1).sum())
     motion = Motion(character, character.limits.clamp(qpos), clip.fps)
-    return Mapped(motion, source.scale, source.up_axis, clamped, tuple(notes))
+    return Mapped(motion, source.scale, source.up_axis, clamped, notes, odd)
 
 
 def bend_leg(
@@ -189,7 +191,8 @@ def _trunk(source: UprightClip) -> dict[str, Array]:
         stand = source.to_z_up.T @ source.facing
         body = {"pelvis": pelvis @ stand}
         straight = chest @ stand
-        rest_high = source.rest_position("neck") if source.has("neck") else _rest_middle(source)
+        tops = ["neck"] if source.has("neck") else [f"{side}_shoulder" for side in SIDES]
+        rest_high = np.mean([source.rest_position(role) for role in tops], axis=0)
         rest_lean = rot.normalized(rest_high - source.rest[chain[0]])
         # What the trunk's line looks like at rest is what standing upright looks like.
         upright = frame_of(rest_lean, source.facing[:, 1]).T @ source.facing
@@ -247,10 +250,6 @@ def _spine(source: UprightClip) -> list[int]:
 
 def _middle(source: UprightClip, part: str) -> Array:
     return (source.position(f"left_{part}") + source.position(f"right_{part}")) / 2
-
-
-def _rest_middle(source: UprightClip) -> Array:
-    return (source.rest_position("left_shoulder") + source.rest_position("right_shoulder")) / 2
 
 
 def _hinge_axis(first: Array, second: Array, joint: Array, fallback: Array) -> Array:

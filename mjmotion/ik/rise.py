@@ -18,7 +18,7 @@ FOLD_SHARE = 1.001  # the same for the least length that a knee can fold it to
 def rise_to_reach(limbs: Limbs, state: LimbState, goal: Array, counts: NDArray[np.bool_]) -> Array:
     """How far the root would have to go up (n,) [m] for every limb to reach; down is negative.
 
-    ``counts`` (n, nlimb) are the limbs that it is to do so for: one that is only turned asks nothing.
+    ``counts`` (n, nlimb) are the limbs that it does so for: one that is only turned asks nothing.
     """
     rise = np.zeros(len(goal))
     square = dot(goal, goal)
