@@ -28,6 +28,7 @@ DEFAULTS: dict[str, Any] = {
     "mapping": None,
     "fps": None,
     "free_footholds": False,
+    "heading": "start",
     "threshold": [],
 }
 
@@ -49,6 +50,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--constraints", type=Path, help="YAML or JSON file of your own constraints"
     )
     add_fitting(parser)
+    parser.add_argument(
+        "--heading",
+        choices=("start", "keep"),
+        default="start",
+        help="set off along the start's x-axis, or keep the clip's own way: start",
+    )
     parser.add_argument(
         "--free-footholds",
         action="store_true",
@@ -86,6 +93,7 @@ def run(args: argparse.Namespace) -> int:
             contacts=contacts,
             constraints=own,
             free_footholds=args.free_footholds,
+            heading=args.heading,
             levels=args.levels,
             tolerance=args.tolerance,
             ik=args.ik,

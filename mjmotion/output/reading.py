@@ -67,6 +67,7 @@ def read_results(folder: str | Path) -> Result:
         body=body,
         title=str(report.get("title") or folder.resolve().name),
         saved_report=report,
+        notes=tuple(report.get("notes", ())),
     )
 
 
@@ -146,6 +147,7 @@ def _read_report(path: Path) -> tuple[dict[str, Any], tuple[Unmet, ...]]:
             raise TypeError("not an object")
         for name in ("levels", "unmet"):
             report[name] = [dict(entry) for entry in report.get(name) or ()]
+        report["notes"] = [str(note) for note in report.get("notes") or ()]
         unmet = tuple(_unmet(entry) for entry in report["unmet"])
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise MotionError(
