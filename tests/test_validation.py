@@ -65,10 +65,39 @@ def test_a_still_stance_breaks_nothing() -> None:
     result = check(model, standing(model), BOTH)
     for name in ("stance_drift_mm", "stance_gap_max_mm", "foot_skate_mm_s", "sole_penetration_mm"):
         assert result.metrics[name] == pytest.approx(0.0, abs=1e-9)
-    assert result.metrics["jerk_ratio_rms"] == 1.0
     assert math.isnan(result.metrics["stance_gap_hfield_p95_mm"])
     assert math.isnan(result.metrics["swing_clearance_mm"])
     assert result.broken() == []
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_a_ratio_to_nothing_is_none(moved: bool) -> None:
+    """Over a source that stands still nothing can be said, whether the motion moves or not."""
+    model = build()
+    qpos = standing(model)
+    if moved:
+        qpos[:, 0] += 0.3 * np.sin(np.linspace(0.0, 3.0, len(qpos)))
+        qpos[:, 7:] += 0.1 * np.sin(np.linspace(0.0, 9.0, len(qpos)))[:, None]
+    result = check(model, qpos, BOTH, source=standing(model))
+    ratios = [name for name in result.metrics if "_ratio" in name]
+    assert len(ratios) >= 7
+    for name in ratios:
+        assert math.isnan(result.metrics[name]), name
+        assert name not in result.broken()
+    (line,) = [one for one in result.table().splitlines() if one.startswith("root displacement")]
+    assert "–" in line
+
+
+def test_a_walk_there_and_back_has_a_path_and_no_displacement() -> None:
+    model = build()
+    there = standing(model)
+    there[:, 0] = np.sin(np.linspace(0.0, np.pi, len(there)))
+    near = there.copy()
+    near[:, 0] *= 1.02
+    near[-1, 0] = 0.004
+    result = check(model, near, BOTH, source=there)
+    assert result.metrics["root_travel_ratio"] == pytest.approx(1.02, abs=0.01)
+    assert math.isnan(result.metrics["root_displacement_ratio"])
 
 
 def test_drift_is_the_largest_distance_from_the_mean_place() -> None:

@@ -38,9 +38,11 @@ from mjmotion.constraints import (
 )
 from mjmotion.constraints.shared_targets import with_moves
 from mjmotion.constraints.unmet import find_unmet
+from mjmotion.exceptions import FitError, unknown_name
 from mjmotion.fitting import FINEST, TOLERANCE, Fit, fit, whole
 from mjmotion.footsteps.ankles import SHORTEST, relax_ankles, trim_toe_contacts
 from mjmotion.footsteps.contacts import Contact
+from mjmotion.footsteps.heading import HEADINGS, never_met, set_off
 from mjmotion.footsteps.obstacles import ObstacleClearance
 from mjmotion.footsteps.paths import with_toes
 from mjmotion.footsteps.plan import Plan, make_plan, shifted, with_free_footholds
@@ -53,6 +55,7 @@ from mjmotion.scene import Scene, SceneLike, compose, without_scene
 Array = NDArray[np.float64]
 
 ROOT_STIFFNESS = 15.0  # how much stiffer the root is than elsewhere: its path is planned
+NEVER_MET = "the walk never came near anything of the scene but level ground"
 LEAN = 0.25  # how far beyond a limb's reach the body may lean for a target [m]
 RELAX_ROUNDS = 4  # times that the fitted motion is asked whether its ankles can follow
 
@@ -64,6 +67,7 @@ def adapt(  # more than eight parameters: all but the first two have a default
     contacts: Sequence[Contact] | None = None,
     constraints: Sequence[Constraint] = (),
     free_footholds: bool = False,
+    heading: str = "start",
     levels: Sequence[float] | None = None,
     tolerance: float = TOLERANCE,
     ik: str | IKSolver = "hybrid",
@@ -78,6 +82,8 @@ def adapt(  # more than eight parameters: all but the first two have a default
       contacts: who stands when; found in the clip without.
       constraints: more that must hold; where they name a foot, they override its foothold.
       free_footholds: let footholds move as a whole to where the walk changes least (§7).
+      heading: ``"start"``: the walk sets off along the start's x-axis, whatever its own way;
+        ``"keep"``: its own +x is put there.
       levels: frames a knot of each level, coarse to fine.
       tolerance: refinement stops once no constraint is off by more [m].
       ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
@@ -85,9 +91,12 @@ def adapt(  # more than eight parameters: all but the first two have a default
 
     Raises:
       SceneError: no ground under the walk, or a doorway that cannot be passed.
-      ClipError, ContactError, ConstraintError, ModelError, FitError: bad input.
+      ClipError, ContactError, ConstraintError, ModelError, FitError: bad input, an unknown heading.
     """
+    if heading not in HEADINGS:
+        raise FitError(unknown_name("heading", heading, HEADINGS))
     motion, scene = as_clip(clip), Scene.of(scene).at_rest()
+    motion = set_off(motion) if heading == "start" else motion
     check_constraints(constraints)
     composed = compose(motion.character, scene)
     progress("contacts and footholds", 0, 0)
@@ -95,7 +104,10 @@ def adapt(  # more than eight parameters: all but the first two have a default
     if free_footholds:
         plan = with_free_footholds(plan, scene, ik)
     settings = FitSettings(levels, tolerance, ik, progress)
-    return fit_plan(plan, composed, constraints, settings)
+    result = fit_plan(plan, composed, constraints, settings)
+    path = plan.source.qpos[:, :3] + plan.root_shift
+    met = not never_met(path, plan.footholds, scene.model)
+    return result if met else dataclasses.replace(result, notes=(NEVER_MET,))
 
 
 def as_clip(clip: Motion | str | Path) -> Motion:

@@ -35,6 +35,7 @@ DEFAULTS: dict[str, Any] = {
     "in_place": None,
     "loop": 1,
     "free_footholds": False,
+    "heading": "start",
     "threshold": [],
 }
 
@@ -56,6 +57,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--constraints", type=Path, help="YAML or JSON file of your own constraints"
     )
     add_fitting(parser)
+    parser.add_argument(
+        "--heading",
+        choices=("start", "keep"),
+        default="start",
+        help="set off along the start's x-axis, or keep the clip's own way: start",
+    )
     parser.add_argument(
         "--free-footholds",
         action="store_true",
@@ -93,6 +100,7 @@ def run(args: argparse.Namespace) -> int:
             contacts=contacts,
             constraints=own,
             free_footholds=args.free_footholds,
+            heading=args.heading,
             levels=args.levels,
             tolerance=args.tolerance,
             ik=args.ik,

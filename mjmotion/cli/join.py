@@ -68,6 +68,7 @@ def join_clips(
     from mjmotion.output.folder import result_folder
     from mjmotion.output.reading import read_motion
     from mjmotion.validation.figures import joint_jerk_ratio
+    from mjmotion.validation.text import number
 
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
@@ -92,7 +93,10 @@ def join_clips(
                 " second, the rate of the first clip"
             )
     largest = joint_jerk_ratio(result.motion, joined.clips)
-    say(*_place_lines(names, joined), f"joint jerk over that of the clip with most: {largest:.2f}")
+    say(
+        *_place_lines(names, joined),
+        f"joint jerk over that of the clip with most: {number(largest)}",
+    )
     say("")
     return tell(args, result, validation, title=title)
 

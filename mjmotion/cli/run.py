@@ -99,6 +99,8 @@ def tell(
         # What the scene asked has its own figures and thresholds; it is told, and no more.
         mine = one.source == "user"
         warn(f"your constraint is not met: {one}" if mine else f"note: not met: {one}")
+    for note in result.notes:
+        warn(f"note: {note}")
     broken = tell_broken(validation)
     say(*path_lines(args.out))
     return 1 if broken or any(one.source == "user" for one in result.unmet) else 0

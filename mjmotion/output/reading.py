@@ -71,6 +71,7 @@ def read_results(folder: str | Path) -> Result:
         body=body,
         title=str(report.get("title") or folder.resolve().name),
         saved_report=report,
+        notes=tuple(report.get("notes", ())),
     )
 
 
@@ -165,6 +166,7 @@ def _read_report(path: Path) -> tuple[dict[str, Any], tuple[Unmet, ...]]:
                 real_number(report[name], name)
         if not isinstance(report.get("title") or "", str):
             raise TypeError(f"title is {shown(report['title'])}")
+        report["notes"] = [str(note) for note in report.get("notes") or ()]
         unmet = tuple(_unmet(entry) for entry in report["unmet"])
     except KeyError as error:
         raise _no_report(path, f"it lacks {error}") from error

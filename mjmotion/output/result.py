@@ -56,6 +56,7 @@ class Result:
       body: the body of every frame, where that changes (a morph).
       title: what the result is called in its report.
       saved_report: what ``report.json`` says, of a result that was read and has one; else empty.
+      notes: what else there is to say, a line each.
     """
 
     source: Motion
@@ -65,6 +66,7 @@ class Result:
     unmet: tuple[Unmet, ...]
     body: MorphBody | None = None
     title: str = "Adapted motion"
+    notes: tuple[str, ...] = ()
     saved_report: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
@@ -114,6 +116,7 @@ class Result:
             exact_error_percent=fit.get("exact_error_percent"),
             unmet=tuple(one.as_dict() for one in self.unmet),
             title=self.title if title is None else title,
+            notes=self.notes,
             body=self.body,
         )
 

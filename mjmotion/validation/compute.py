@@ -14,6 +14,7 @@ from mjmotion.validation.beside_source import BesideSource, Body
 from mjmotion.validation.changing import Changing
 from mjmotion.validation.figures import (
     JERK_CUTOFF,
+    STILL,
     Poses,
     check_pair,
     jerk_dofs,
@@ -278,14 +279,8 @@ class _Figures(Sheet):
     def travelling(self) -> None:
         """How far the root goes over the ground."""
         (path, away), (own_path, own_away) = travel(self.motion.qpos), travel(self.source.qpos)
-        if own_path > 0:
-            self.note(
-                "root_travel_ratio", path / own_path, None, f"{path:.2f} m of {own_path:.2f} m"
-            )
-        if own_away > 0:
-            self.note(
-                "root_displacement_ratio",
-                away / own_away,
-                None,
-                f"{away:.2f} m of {own_away:.2f} m",
-            )
+        for name, own, before in (
+            ("root_travel_ratio", path, own_path),
+            ("root_displacement_ratio", away, own_away),
+        ):
+            self.note(name, ratio(own, before, STILL), None, f"{own:.2f} m of {before:.2f} m")

@@ -28,7 +28,8 @@ Index = NDArray[np.int64]
 SHORTEST_SWING = 0.1  # [s] a shorter gap between contacts is not a swing
 SWING_MIDDLE = 0.5  # the part of a swing that its clearance is measured over
 JERK_CUTOFF = 10.0  # [Hz] of the low-pass of joint angles whose jerk is judged
-_NOTHING = 1e-6  # [rad/s³] jerk of a motion that stands still, so that ratios are numbers
+NOTHING = 1e-6  # a jerk or acceleration that is no more is none [rad/s³, m/s²]
+STILL = 0.01  # a root that goes no further goes nowhere [m]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -304,9 +305,9 @@ def jerk_dofs(model: mujoco.MjModel) -> Index:
     return np.flatnonzero(angle)
 
 
-def ratio(adapted: float, source: float) -> float:
-    """Return adapted over source; 1 where both are nothing."""
-    return (adapted + _NOTHING) / (source + _NOTHING)
+def ratio(adapted: float, source: float, nothing: float = NOTHING) -> float:
+    """Return adapted over source; NaN where the source is no more than ``nothing``."""
+    return adapted / source if source > nothing else float("nan")
 
 
 def travel(qpos: Array) -> tuple[float, float]:

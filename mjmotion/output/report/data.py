@@ -31,6 +31,7 @@ class ReportData:
         orientation, residual_deg, index and source: the user or the scene.
       title: what the page is called.
       body: the character's size in every frame of the motion, where that changes.
+      notes: what else there is to say, a line each.
     """
 
     source: Motion
@@ -43,6 +44,7 @@ class ReportData:
     unmet: tuple[dict[str, Any], ...] = ()
     title: str = "Adapted motion"
     body: MorphBody | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def metrics(self) -> dict[str, float]:
@@ -82,6 +84,7 @@ class ReportData:
             "broken": self.broken,
             "worst": {name: dataclasses.asdict(worst) for name, worst in figures.worst.items()},
             "unmet": list(self.unmet),
+            "notes": list(self.notes),
             "per_contact": figures.per_contact,
             "per_swing": figures.per_swing,
             "joint_jerk_rms": {

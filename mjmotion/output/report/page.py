@@ -60,6 +60,7 @@ def page(report: ReportData, poses: Sequence[Picture] = (), why_no_poses: str = 
         "<h2>Figures</h2>",
         _figure_table(report),
         _unmet(report),
+        *(f'<p class="note">Note: {escape(note)}.</p>' for note in report.notes),
         _section(
             "Feet against the ground",
             "Heights of heel and toe, solid, and of the ground below, dashed. Shaded: contact.",
