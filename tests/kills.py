@@ -2,9 +2,9 @@
 
     python tests/kills.py [--kills 200] [--seed 1]
 
-Every job runs in a process of its own over and over and is ended with SIGKILL, at random moments from
-its start to a little beyond its usual end. After each, what stands under its name must be the whole
-old or the whole new; after one more run that ends well, nothing else may be there.
+Every job runs in a process of its own, over and over, and is ended with SIGKILL at random moments
+from its start to a little beyond its usual end. After each, what stands under its name must be the
+whole old or the whole new; after one more run that ends well, nothing else may be there.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def made(folder: Path) -> dict[str, Job]:
     jobs = {
         "adapt": Job([*program, *adapt, "out"], "out", whole_result),
         "scene": Job(
-            [*program, *"scene terrain --cell 0.2 --force --out t.xml".split()],
+            [*program, *["scene", "terrain", "--cell", "0.2", "--force", "--out", "t.xml"]],
             "t.xml",
             whole_scene,
         ),
@@ -109,7 +109,7 @@ def made(folder: Path) -> dict[str, Job]:
     except Exception as error:
         print(f"render: left out, {error}")
     else:
-        words = [*program, *"render out --size 64x64 --force --out v.mp4".split()]
+        words = [*program, *["render", "out", "--size", "64x64", "--force", "--out", "v.mp4"]]
         jobs["render"] = Job(words, "v.mp4", whole_video)
     if subprocess.run([*program, "batch", "--help"], capture_output=True).returncode == 0:
         words = [*program, "batch", walk, "--scene", "flat", "--force", "--out", "out"]
@@ -122,7 +122,10 @@ def killed(folder: Path, job: Job, kills: int, chance: random.Random) -> Counter
     folder.mkdir()
     if job.words[3] in ("render", "validate"):
         walk = str(folder.parent / "walk.npz")
-        finish(folder, [*job.words[:3], "adapt", walk, *"--scene flat --no-video --out out".split()])
+        finish(
+            folder,
+            [*job.words[:3], "adapt", walk, *["--scene", "flat", "--no-video", "--out", "out"]],
+        )
     usual = finish(folder, job.words)
     there = names(folder)
     count: Counter[str] = Counter(kills=kills)
