@@ -2,11 +2,13 @@
 SHELL := /bin/bash
 PYTHON ?= python3
 export PYTHON
+# APT=1 lets make install system packages, as root on Debian; else it only says which.
+export APT
 BIN := .venv/bin
 READY := .venv/ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gallery test lint bench scenes lock clean
+.PHONY: help setup demo gallery test lint bench scenes fuzz kills lock clean
 
 help: ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /\1\t/' | expand -t 10
@@ -39,6 +41,12 @@ bench: $(READY) ## the project's figures beside their targets, written to docs/r
 
 scenes: $(READY) ## write the scenes of scenes/ anew
 	$(BIN)/python scripts/make_scenes.py
+
+fuzz: $(READY) ## 10,000 damaged inputs through every reader; CASES=N for another number
+	$(BIN)/python tests/fuzz/fuzz_all.py --cases $(or $(CASES),10000)
+
+kills: $(READY) ## 200 kills at random moments of all that writes; KILLS=N for another number
+	$(BIN)/python tests/kills.py --kills $(or $(KILLS),200)
 
 lock: ## write requirements.lock anew with the newest packages
 	.ci/lock

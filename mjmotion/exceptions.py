@@ -9,6 +9,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+_MOST_LETTERS, _LAST = 1500, 300  # of a message, and of its end where it is cut
+
 
 class MotionError(Exception):
     """Base of every error mjmotion raises on purpose.
@@ -19,6 +21,8 @@ class MotionError(Exception):
     """
 
     def __init__(self, message: str, frames: Iterable[int] = ()) -> None:
+        if len(message) > _MOST_LETTERS:  # a name in a file may be of any length
+            message = f"{message[: _MOST_LETTERS - _LAST]} … {message[-_LAST:]}"
         super().__init__(message)
         self.frames: tuple[int, ...] = tuple(int(frame) for frame in frames)
 

@@ -2,9 +2,9 @@
 
     python tests/kills.py [--kills 200] [--seed 1]
 
-Every job runs in a process of its own over and over and is ended with SIGKILL, at random moments from
-its start to a little beyond its usual end. After each, what stands under its name must be the whole
-old or the whole new; after one more run that ends well, nothing else may be there.
+Every job runs in a process of its own, over and over, and is ended with SIGKILL at random moments
+from its start to a little beyond its usual end. After each, what stands under its name must be the
+whole old or the whole new; after one more run that ends well, nothing else may be there.
 """
 
 from __future__ import annotations

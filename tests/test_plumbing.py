@@ -32,7 +32,7 @@ TEXT = {
 
 def locked() -> dict[str, str]:
     lines = (ROOT / "requirements.lock").read_text("utf-8").splitlines()
-    pairs = [line.split("==") for line in lines if line and not line.startswith("#")]
+    pairs = [line.split(" ")[0].split("==") for line in lines if re.match(r"[A-Za-z0-9]", line)]
     return {canonicalize_name(name): version for name, version in pairs}
 
 
@@ -44,10 +44,22 @@ def tracked() -> list[Path]:
     return [path for name in result.stdout.split("\0") if name and (path := ROOT / name).is_file()]
 
 
-def test_lock_is_names_and_versions_only() -> None:
-    lines = (ROOT / "requirements.lock").read_text("utf-8").splitlines()
-    for line in lines:
-        assert line.startswith("#") or re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.]+", line), line
+def test_lock_is_names_versions_and_hashes_only() -> None:
+    text = (ROOT / "requirements.lock").read_text("utf-8")
+    assert "://" not in text
+    name, hashed = r"[A-Za-z0-9._-]+==[A-Za-z0-9.]+", r"--hash=sha256:[0-9a-f]{64}"
+    for entry in text.replace("\\\n", " ").splitlines():
+        whole = rf"{name}( ; [^;]+?)?(\s+{hashed})+"
+        assert entry.startswith("#") or re.fullmatch(whole, entry.strip()), entry[:80]
+
+
+def test_system_packages_are_installed_only_when_told() -> None:
+    for script in ("setup", "opengl"):
+        lines = (ROOT / ".ci" / script).read_text("utf-8").splitlines()
+        installs = [n for n, line in enumerate(lines) if "apt-get update" in line]
+        for number in installs:
+            assert any('"${APT:-}" = 1' in line for line in lines[number - 3 : number]), script
+    assert "export APT" in (ROOT / "Makefile").read_text("utf-8")
 
 
 def test_lock_holds_everything_that_pyproject_asks_for() -> None:
@@ -121,5 +133,5 @@ def test_make_targets_are_there() -> None:
     listed = subprocess.run(
         ["make", "-s", "help"], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
-    for target in ("demo", "test", "lint", "bench", "scenes", "lock", "clean"):
+    for target in ("demo", "test", "lint", "bench", "scenes", "fuzz", "kills", "lock", "clean"):
         assert re.search(rf"^{target}\s+\S", listed, re.MULTILINE), target

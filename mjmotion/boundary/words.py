@@ -9,7 +9,7 @@ from __future__ import annotations
 import unicodedata
 
 # Controls, marks of direction and other invisible ones, halves of pairs, private, line breaks.
-_KINDS = ("Cc", "Cf", "Cs", "Co", "Zl", "Zp")
+_KINDS = ("Cc", "Cf", "Cn", "Cs", "Co", "Zl", "Zp")
 
 
 def harmless(text: str, keep: str = "") -> str:

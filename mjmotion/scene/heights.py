@@ -242,6 +242,8 @@ def _read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], bool
             f"'{path}' is not a mesh that trimesh can read ({type(error).__name__}: "
             f"{mujoco_message(error)}): use .obj, .stl, .ply or .glb"
         ) from error
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise SceneError(f"mesh '{path}' has vertices that are not of three numbers")
     if len(faces) == 0 or not np.isfinite(vertices).all():
         raise SceneError(f"mesh '{path}' has no triangles or vertices that are not finite")
     return vertices, faces, bool(mesh.is_watertight and mesh.is_convex)

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mjmotion.boundary.words import harmless
+
 Array = NDArray[np.float64]
 
 UNITS = 72  # of a drawing, an inch; all sizes below are in these units
@@ -257,7 +259,8 @@ def write(
     look = f' font-size="{size:g}"' if size != SIZE else ""
     look += f' fill="{colour}"' if colour else ""
     look += f' transform="rotate(-90 {x:.2f} {y:.2f})"' if turned else ""
-    return f'<text x="{x:.2f}" y="{y:.2f}" text-anchor="{anchor}"{look}>{escape(text)}</text>'
+    said = escape(harmless(text))
+    return f'<text x="{x:.2f}" y="{y:.2f}" text-anchor="{anchor}"{look}>{said}</text>'
 
 
 def _path(x: Array, y: Array) -> str:

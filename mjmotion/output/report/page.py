@@ -5,15 +5,22 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Sequence
-from html import escape
+from html import escape as _escape
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.boundary.words import harmless
 from mjmotion.output.report import plots
 from mjmotion.output.report.data import ReportData, residual_text
 from mjmotion.validation.text import number
+
+
+def escape(text: str) -> str:
+    """Return a text for the page: neither its marks nor its invisible letters do anything."""
+    return _escape(harmless(str(text)))
+
 
 Picture = NDArray[np.uint8] | bytes
 
@@ -128,7 +135,7 @@ def _figure_table(report: ReportData) -> str:
         None: "",
     }
     rows = [
-        f'<tr title="{row.figure}"><td>{escape(row.label)}</td>'
+        f'<tr title="{escape(row.figure)}"><td>{escape(row.label)}</td>'
         f'<td class="n">{number(row.value)}</td><td>{escape(row.unit)}</td>'
         f'<td class="n">{escape(row.threshold)}</td><td class="w">{mark[row.ok]}</td>'
         f'<td class="soft">{escape(row.where)}</td></tr>'
@@ -151,8 +158,8 @@ def _unmet(report: ReportData) -> str:
         whose = "your own" if unmet.get("source") == "user" else "the scene's"
         rows.append(
             f"<tr><td>{escape(str(unmet['constraint']))}</td><td>{whose}</td>"
-            f"<td class='n'>{len(frames)}</td><td>{shown}</td>"
-            f"<td class='n'>{residual_text(unmet)}</td></tr>"
+            f"<td class='n'>{len(frames)}</td><td>{escape(shown)}</td>"
+            f"<td class='n'>{escape(residual_text(unmet))}</td></tr>"
         )
     head = (
         "<tr><th>constraint</th><th>whose</th><th class='n'>frames</th><th></th>"

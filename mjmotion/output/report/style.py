@@ -23,4 +23,5 @@ def axes_style(ink: str) -> dict[str, Any]:
         "ytick.color": ink,
         "text.color": ink,
         "legend.frameon": False,
+        "text.parse_math": False,  # a name such as "a$b$" is a name
     }

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import base64
 import io
-from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.output.report.data import ReportData, residual_text
+from mjmotion.output.report.page import escape
 from mjmotion.validation.text import number
 
 

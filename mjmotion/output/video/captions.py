@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.boundary.words import one_line
 from mjmotion.output.video.gl import Image
+
+_LETTERS = 120  # of a caption
 
 _INK = (28, 34, 42)
 _PALE = (255, 255, 255)
@@ -22,6 +25,7 @@ def _label(
     from PIL import Image as Pillow
     from PIL import ImageDraw, ImageFont
 
+    text = one_line(text)[:_LETTERS]  # a name may hold a line break, or have a thousand letters
     font: Any = ImageFont.load_default(size=size)
     _, top, _, bottom = font.getbbox("Ag|")
     indent = size if dot is not None else 0
