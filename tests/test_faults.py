@@ -8,7 +8,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-import fork
+import measured
 import pytest
 
 FAULTS = Path(__file__).parents[2] / "shared" / "faults"
@@ -67,7 +67,7 @@ def words_of(line: str) -> list[str]:
     return [*line.split(), "--out", "O", "--no-video"]
 
 
-def check_refused(done: fork.Done, said: tuple[str, ...]) -> None:
+def check_refused(done: measured.Done, said: tuple[str, ...]) -> None:
     assert done.code == 2, (done.code, done.stderr)
     lines = done.stderr.splitlines()
     assert len(lines) == 1, done.stderr
@@ -75,14 +75,14 @@ def check_refused(done: fork.Done, said: tuple[str, ...]) -> None:
     assert len(lines[0]) < 1000
     for word in said:
         assert word in lines[0], lines[0]
-    assert done.seconds < fork.SECONDS
-    assert done.bytes < fork.BYTES
+    assert done.seconds < measured.SECONDS
+    assert done.bytes < measured.BYTES
 
 
 @pytest.mark.parametrize("line", REFUSED)
 def test_what_is_wrong_is_refused_at_once(line: str, folder: Path) -> None:
     before = {path.name for path in folder.iterdir()}
-    check_refused(fork.run(folder, *words_of(line)), REFUSED[line])
+    check_refused(measured.run(folder, *words_of(line)), REFUSED[line])
     assert {path.name for path in folder.iterdir()} == before
 
 
@@ -94,7 +94,7 @@ def test_what_is_wrong_is_refused_at_once(line: str, folder: Path) -> None:
     ],
 )
 def test_what_is_only_unusual_is_read(line: str, folder: Path) -> None:
-    done = fork.run(folder, *words_of(line))
+    done = measured.run(folder, *words_of(line))
     assert done.code in (0, 1), done.stderr
     assert "Traceback" not in done.stderr
     assert (folder / "O" / "report.html").is_file()
@@ -102,10 +102,10 @@ def test_what_is_only_unusual_is_read(line: str, folder: Path) -> None:
 
 @pytest.mark.parametrize("name", ["rel_report_unmet_script.json", "rel_report_metrics_null.json"])
 def test_a_report_that_lies(name: str, folder: Path) -> None:
-    made = fork.run(folder, *words_of(ADAPT))
+    made = measured.run(folder, *words_of(ADAPT))
     assert made.code in (0, 1), made.stderr
     shutil.copyfile(FAULTS / name, folder / "O" / "report.json")
-    done = fork.run(folder, "validate", "O")
+    done = measured.run(folder, "validate", "O")
     assert "Traceback" not in done.stderr
     if "script" in name:
         check_refused(done, ("report.json", "frame of unmet"))
