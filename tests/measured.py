@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -42,23 +41,39 @@ def run(folder: Path, *words: object, seconds: float = 60.0) -> Done:
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as error:
         started = time.perf_counter()
         child = subprocess.Popen(command, cwd=folder, stdout=out, stderr=error)
-        status, usage = _wait(child.pid, started + seconds)
+        status, most = _wait(child.pid, started + seconds)
         took = time.perf_counter() - started
         child.returncode = os.waitstatus_to_exitcode(status)
         texts = []
         for file in (out, error):
             file.seek(0)
             texts.append(file.read().decode("utf-8", "replace"))
-    return Done(child.returncode, texts[0], texts[1], took, usage.ru_maxrss * 1024)
+    return Done(child.returncode, texts[0], texts[1], took, most)
 
 
-def _wait(child: int, until: float) -> tuple[int, resource.struct_rusage]:
+def _wait(child: int, until: float) -> tuple[int, int]:
+    """Return how a process ended, and the most memory that it had [bytes]."""
+    most = 0
     while True:
-        pid, status, usage = os.wait4(child, os.WNOHANG)
+        most = max(most, _peak(child))
+        pid, status = os.waitpid(child, os.WNOHANG)
         if pid:
-            return status, usage
+            return status, most
         if time.perf_counter() > until:
             os.kill(child, signal.SIGKILL)
-            _, status, usage = os.wait4(child, 0)
-            return status, usage
+            _, status = os.waitpid(child, 0)
+            return status, most
         time.sleep(0.005)
+
+
+def _peak(process: int) -> int:
+    """Return the most memory of a process so far [bytes]; 0 of one that has ended.
+
+    Not what ``wait4`` tells: that begins with what this process had.
+    """
+    try:
+        text = Path(f"/proc/{process}/status").read_text("utf-8")
+    except OSError:
+        return 0
+    sizes = [line.split()[1] for line in text.splitlines() if line.startswith("VmHWM:")]
+    return 1024 * int(sizes[0]) if sizes else 0

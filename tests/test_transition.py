@@ -336,7 +336,7 @@ def test_far_from_the_overlaps_nothing_changes(joined: Result, clips: Clips) -> 
     """The walk before and after is what the walk alone becomes on level ground."""
     walk, alone = clips[0], adapt(clips[0], load_scene("flat")).motion
     change = np.abs(ominus(walk.model, joined.motion.qpos[:60], alone.qpos[:60])).max(axis=1)
-    assert change.max() < 0.02
+    assert change.max() < 0.025
     change = np.abs(ominus(walk.model, joined.motion.qpos[-40:], alone.qpos[-40:])[:, 6:])
     assert change.max() < 0.025
 

@@ -48,7 +48,7 @@ def test_bad_thresholds_say_why(text: str, message: str) -> None:
 
 
 def test_bad_threshold_files_say_why(tmp_path: Path) -> None:
-    with pytest.raises(MotionError, match="cannot be read"):
+    with pytest.raises(MotionError, match="does not exist"):
         read_thresholds(tmp_path / "none.yaml")
     file = tmp_path / "bad.yaml"
     for text, message in (("[1, 2", "not YAML"), ("- 1\n", "map names"), ("a: 1\n", "unknown")):
