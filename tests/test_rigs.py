@@ -202,11 +202,11 @@ def test_role_twice_is_an_error(walk: Motion, tmp_path: Path) -> None:
         find_rig(clip, {"joints": {"left_hip": roles["left_knee"]}})
     path = tmp_path / "twice.yaml"
     path.write_text("joints:\n  left_hip: a\n  left_hip: b\n")
-    with pytest.raises(ClipError, match="'left_hip' (stands )?twice"):
+    with pytest.raises(ClipError, match=r"'left_hip' (stands )?twice"):
         find_rig(clip, path)
     path = tmp_path / "twice.json"
     path.write_text('{"joints": {"left_hip": "a", "left_hip": "b"}}')
-    with pytest.raises(ClipError, match="'left_hip' (stands )?twice"):
+    with pytest.raises(ClipError, match=r"'left_hip' (stands )?twice"):
         find_rig(clip, path)
 
 
