@@ -3,7 +3,7 @@
     session = EditSession("walk", "terrain_doors")
     session.do(Drag("right_hand", 120, (1.9, -0.4, 1.6)))
     session.undo()
-    session.save("lift.mjsession")
+    save_session("lift.mjsession", session)
 
 A session is a clip, perhaps in a scene, and a state: edits in their order, contacts, what of the
 scene was moved, and settings. The motion is a function of those alone. What is undone comes back as
