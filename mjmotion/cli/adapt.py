@@ -117,25 +117,10 @@ def _read(args: argparse.Namespace) -> Motion:
     from mjmotion.cli.terminal import warn
     from mjmotion.clips import is_recording, load_clip, map_recording
 
+    how = {name: getattr(args, name) for name in ("mapping", "fps", "asf", "in_place", "loop")}
     if not is_recording(args.clip):
-        return load_clip(
-            args.clip,
-            args.character,
-            mapping=args.mapping,
-            fps=args.fps,
-            asf=args.asf,
-            in_place=args.in_place,
-            loop=args.loop,
-        )
-    mapped = map_recording(
-        args.clip,
-        args.character,
-        mapping=args.mapping,
-        fps=args.fps,
-        asf=args.asf,
-        in_place=args.in_place,
-        loop=args.loop,
-    )
+        return load_clip(args.clip, args.character, **how)
+    mapped = map_recording(args.clip, args.character, **how)
     for note in mapped.odd:
         warn(f"note: {note}")
     return mapped.motion

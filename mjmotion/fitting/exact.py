@@ -64,14 +64,12 @@ class ExactPass:
         closed, beyond = self._closed(qpos, known)
         before, turn, frames = math.inf, 0, self.targets.frames
         # What no smooth move of the root mends stays within limits, and is reported.
-        beyond = np.where(beyond < HOPELESS, beyond, 0.0)
         while beyond.max() > LIMIT_SLACK and turn < _EASES and beyond.max() <= _BETTER * before:
             before, turn = float(beyond.max()), turn + 1
             qpos = self._ease(qpos, np.flatnonzero(beyond > LIMIT_SLACK))
             # A root that gave for a joint may have left a leg behind.
             qpos, known = self._within_reach(qpos, self.problem.enforce(qpos[frames]))
             closed, beyond = self._closed(qpos, known)
-            beyond = np.where(beyond < HOPELESS, beyond, 0.0)
         qpos, closed = self._standing_last(qpos, closed)
         if qpos is not fitted and (followed := self._follow(qpos)) is not qpos:
             closed, _ = self._closed(followed)
@@ -101,7 +99,10 @@ class ExactPass:
         return moved, self._closed(moved)[0]
 
     def _closed(self, qpos: Array, solution: Solution | None = None) -> tuple[Array, Array]:
-        """Return poses that meet the targets, within limits, and how far they were out (n,)."""
+        """Return poses that meet the targets, within limits, and how far they were out (n,).
+
+        Of what the root gives for; frames that are hopelessly far out count as none.
+        """
         frames, model = self.targets.frames, self.motion.model
         closed = qpos.copy()
         if solution is None:
@@ -109,7 +110,8 @@ class ExactPass:
         closed[frames] = oplus(model, qpos[frames], solution.displacement)
         clamped = self.motion.character.within_limits(closed)
         off = np.abs(clamped[frames] - closed[frames])
-        return clamped, np.where(self._standing, off, 0.0).max(axis=1)
+        beyond = np.where(self._standing, off, 0.0).max(axis=1)
+        return clamped, np.where(beyond < HOPELESS, beyond, 0.0)
 
     @cached_property
     def _standing(self) -> NDArray[np.bool_]:
