@@ -40,6 +40,7 @@ from mjmotion.constraints.shared_targets import with_moves
 from mjmotion.constraints.unmet import find_unmet
 from mjmotion.exceptions import FitError, unknown_name
 from mjmotion.fitting import FINEST, TOLERANCE, Fit, fit, whole
+from mjmotion.footsteps.above_ground import above_ground
 from mjmotion.footsteps.ankles import SHORTEST, relax_ankles, trim_toe_contacts
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.heading import HEADINGS, never_met, set_off
@@ -198,6 +199,7 @@ def _with_relaxed_ankles(
         paths, contacts = relax_ankles(result.motion, feet, plan.paths, plan.contacts, plan.source)
         if paths == plan.paths:
             break
+        paths = above_ground(feet, paths, plan.paths, contacts, plan.ground, motion.fps)
         contacts = trim_toe_contacts(
             contacts,
             motion.character.feet,

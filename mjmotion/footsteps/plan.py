@@ -19,6 +19,7 @@ from mjmotion.constraints import SiteConstraint
 from mjmotion.constraints.shared_targets import SharedMove
 from mjmotion.exceptions import ContactError
 from mjmotion.fitting import fit
+from mjmotion.footsteps.above_ground import above_ground
 from mjmotion.footsteps.ankles import (
     SHORTEST,
     flat_landings,
@@ -41,6 +42,7 @@ from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_rea
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.scene import Scene
+from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
 
@@ -60,6 +62,7 @@ class Plan:
       footholds: what it stands on, one a stance.
       root_shift: (nframe, 3) the first guess of §4.5 [m].
       obstacles: what to keep clear of.
+      ground: the scene's surfaces.
     """
 
     source: Motion
@@ -69,6 +72,7 @@ class Plan:
     footholds: tuple[Foothold, ...]
     root_shift: Array
     obstacles: tuple[Obstacle, ...]
+    ground: Ground
 
     def constraints(self) -> list[SiteConstraint]:
         """Both feet posed at every frame."""
@@ -214,14 +218,14 @@ def _on_ground(
         details = zip(moves, tips, strict=True)
         paths = tuple(planned(index, Detour(*detail)) for index, detail in enumerate(details))
     shift = root_shift(source, pose, paths, found)
-    paths = within_reach(source, pose, paths, found, shift)
-    relaxed, trimmed = relax_ankles(shifted(source, shift), feet, paths, found)
+    near = within_reach(source, pose, paths, found, shift)
+    relaxed, trimmed = relax_ankles(shifted(source, shift), feet, near, found)
     if relaxed != paths:
-        paths, found = relaxed, trimmed
+        paths, found = above_ground(feet, relaxed, paths, trimmed, ground, source.fps), trimmed
         shift = root_shift(source, pose, paths, found)
     found = trim_toe_contacts(found, feet, paths, (stances, footholds), SHORTEST * source.fps)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
-    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles)
+    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles, ground)
 
 
 def with_ends(
