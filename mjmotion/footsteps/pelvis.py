@@ -45,6 +45,7 @@ FOLDING = 30.0  # price of a hip so near to a swinging foot that its knee folds 
 FOLDED = 0.5  # of a leg's length that hip and ankle keep apart in a swing, or as in the source
 MOST_BACK = 0.1  # the most that hips stay back for an ankle [m]
 BACK = 50.0  # price of staying back less than that
+UPHILL = 0.05  # a foot that is pitched up by less than that does not stand uphill
 BACK_TIME = 0.45  # τ of staying back [s]
 KNEE = 60.0  # price of a hip that is lower than that
 KNEE_MORE = 0.07  # how much more than in the source a knee is bent on the level [rad]
@@ -259,7 +260,7 @@ class _Leg:
         folded = -drop_to_reach(self.hip, self.ankle, self._folded())
         bounds.append(Bound(folded, ~self.stance, FOLDING, upper=False))
         straight = -drop_to_reach(self.hip, self.ankle, self._least_apart())
-        bounds.append(Bound(straight, self.heel & self.level, KNEE, upper=False))
+        bounds.append(Bound(straight, self.stance & self.level, KNEE, upper=False))
         bent = self._bent_knee()
         if bent is not None:
             knee, thigh = bent
@@ -286,7 +287,11 @@ class _Leg:
         way = self.hip + height[:, None] * (0.0, 0.0, 1.0) - knee
         along, lacking = (way * ahead).sum(axis=1), thigh**2 - (way**2).sum(axis=1)
         back = along + np.sqrt(np.maximum(along**2 + lacking, 0.0))
-        return np.where(self.heel & (lacking > 0.0), np.clip(back, 0.0, MOST_BACK), 0.0)
+        # On the level the source stands so itself.
+        up = rotate(self.turn, np.array((0.0, 0.0, 1.0)))
+        uphill = (up * ahead).sum(axis=1) < -UPHILL
+        needs = self.heel & uphill & (lacking > 0.0)
+        return np.where(needs, np.clip(back, 0.0, MOST_BACK), 0.0)
 
     def _folded(self) -> Array:
         """How near hip and ankle may come in a swing (nframe,) [m]."""
