@@ -44,6 +44,7 @@ from mjmotion.footsteps.above_ground import above_ground
 from mjmotion.footsteps.ankles import SHORTEST, relax_ankles, trim_toe_contacts
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.heading import HEADINGS, never_met, set_off
+from mjmotion.footsteps.lean import leaning
 from mjmotion.footsteps.obstacles import ObstacleClearance
 from mjmotion.footsteps.paths import with_toes
 from mjmotion.footsteps.plan import Plan, make_plan, shifted, with_free_footholds
@@ -150,7 +151,7 @@ def fit_plan(
     near = _within_reach(asked, guess)
     asked_for = [*plan.constraints(), *near]
     result = fit(
-        plan.source,
+        plan.source if plan.back is None else leaning(plan.source, plan.back),
         asked_for,
         levels=settings.levels,
         tolerance=settings.tolerance,

@@ -57,7 +57,7 @@ def _lifted(
     stance: NDArray[np.bool_] = heel | ball
     toes = kept_up(foot, path.position, path.quat, path.toes, ball, ground, fps)
     bend = toes if foot.toes is None else foot.toes.settled(toes)
-    no_more = np.zeros(nframe)
-    step_over = StepOver(foot.shape_at(bend), path.quat, no_more, stance, ground, fps)
+    wanted = np.zeros(nframe) if path.clearance is None else path.clearance
+    step_over = StepOver(foot.shape_at(bend), path.quat, wanted, stance, ground, fps)
     position, lift = step_over(path.position, ())
     return dataclasses.replace(path, position=position, toes=toes, lift=path.lift + lift)

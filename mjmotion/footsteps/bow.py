@@ -95,7 +95,7 @@ class _Bowing:
         pose = self._kinematics.forward(motion.qpos)
         side = level_side(pose)
         self._forward = cross(side, np.array((0.0, 0.0, 1.0)))
-        self._unit = _unit(motion, parts, pose, side)
+        self._unit = bend_forwards(motion, parts, pose, side)
         self._com = _centre_of_mass(pose)
 
     def posed(self, bent: Array, sunk: Array, rows: NDArray[np.int64] | None = None) -> Array:
@@ -135,11 +135,17 @@ def _centre_of_mass(pose: Pose) -> Array:
     return np.asarray((mass[:, None] * place).sum(axis=1) / mass.sum())
 
 
-def _unit(motion: Motion, parts: Parts, pose: Pose, side: Array) -> Array:
-    """Return the displacement (nframe, nv) of a bow by one radian.
+def bend_forwards(motion: Motion, parts: Parts, pose: Pose, side: Array) -> Array:
+    """Return the displacement (nframe, nv) of a trunk bent forwards by one radian.
 
     What bends a body turns about one axis of the world, the same for all, so each joint's own share
     stays right whatever the others do.
+
+    Args:
+      motion: the motion.
+      parts: of its character.
+      pose: its poses.
+      side: (nframe, 3) the body's level axis to its left.
     """
     model = motion.model
     unit = np.zeros((motion.nframe, model.nv))

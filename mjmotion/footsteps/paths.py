@@ -67,6 +67,7 @@ class FootPath:
         where they do not bend.
       room: (nframe,) how far the ends of its ball may still go down; None where no ground is known
         [m].
+      clearance: (nframe,) that it should have over the ground; None where none is known [m].
     """
 
     site: str
@@ -77,6 +78,7 @@ class FootPath:
     lift: Array
     toes: Array
     room: Array | None = None
+    clearance: Array | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -144,7 +146,7 @@ def foot_path(
     position, lift = step_over(position, mine)
     toes = kept_up(foot, position, quat, toes, holds.toe, ground, fps)
     room = room_under_ball(foot, position, quat, holds.any, ground)
-    return FootPath(foot.site, position, quat, shift, holds.any, lift, toes, room)
+    return FootPath(foot.site, position, quat, shift, holds.any, lift, toes, room, wanted)
 
 
 def turned_about_toes(path: FootPath, foot: Foot, quat: Array) -> FootPath:

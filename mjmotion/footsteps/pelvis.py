@@ -43,7 +43,7 @@ ANKLE_SPARE = 0.08  # how far within its range an ankle is planned [rad]
 STANDING, ROLLING, HEEL, SWINGING = 40000.0, 50.0, 300.0, 3.0
 FOLDING = 30.0  # price of a hip so near to a swinging foot that its knee folds further than that
 FOLDED = 0.5  # of a leg's length that hip and ankle keep apart in a swing, or as in the source
-MOST_BACK = 0.1  # the most that hips stay back for an ankle [m]
+MOST_BACK = 0.15  # the most that hips stay back for an ankle [m]
 BACK = 50.0  # price of staying back less than that
 UPHILL = 0.05  # a foot that is pitched up by less than that does not stand uphill
 BACK_TIME = 0.45  # τ of staying back [s]
@@ -67,8 +67,10 @@ def root_shift(
     paths: Sequence[FootPath],
     contacts: Sequence[Contact],
     rolling: float = STANDING,
-) -> Array:
-    """Return how far the root is to be moved (nframe, 3) [m]: the first guess of §4.5.
+) -> tuple[Array, Array]:
+    """Return how far the root is to be moved (nframe, 3) [m], and how far of that it stays back.
+
+    The first is the first guess of §4.5; the second (nframe,) is 0 but where it climbs [m].
 
     Args:
       source: the motion.
@@ -87,11 +89,12 @@ def root_shift(
     ahead = _ahead(source)
     needs = [leg.staying_back(shift[:, 2], ahead) for leg in legs]
     bounds = [Bound(need, need > 0.0, BACK, upper=False) for need in needs if need.any()]
+    back = np.zeros(source.nframe)
     if bounds:
-        back = between(np.zeros(source.nframe), BACK_TIME * source.fps, bounds)
-        shift -= np.maximum(back, 0.0)[:, None] * ahead
+        back = np.maximum(between(back, BACK_TIME * source.fps, bounds), 0.0)
+        shift -= back[:, None] * ahead
         shift[:, 2], _ = _height(source, pose, paths, contacts, shift, follow)
-    return shift
+    return shift, back
 
 
 def _height(

@@ -63,6 +63,7 @@ class Plan:
       root_shift: (nframe, 3) the first guess of §4.5 [m].
       obstacles: what to keep clear of.
       ground: the scene's surfaces.
+      back: (nframe,) how far of the shift the hips stay back for the ankles uphill; None as 0 [m].
     """
 
     source: Motion
@@ -73,6 +74,7 @@ class Plan:
     root_shift: Array
     obstacles: tuple[Obstacle, ...]
     ground: Ground
+    back: Array | None = None
 
     def constraints(self) -> list[SiteConstraint]:
         """Both feet posed at every frame."""
@@ -194,7 +196,7 @@ def _on_ground(
 
     # What feet, ankles and root ask of each other, each told once, the firmest first.
     paths = tuple(planned(index) for index in range(len(feet)))
-    shift = root_shift(source, pose, paths, found, ROLLING)
+    shift, _ = root_shift(source, pose, paths, found, ROLLING)
     turned = turned_footholds(shifted(source, shift), feet, paths, stances, footholds)
     landed = flat_landings(shifted(source, shift), feet, paths, stances)
     if any(new is not old for new, old in zip(landed, stances, strict=True)):
@@ -217,15 +219,15 @@ def _on_ground(
     if any(new is not old for new, old in zip(stances, spots[0], strict=True)):
         details = zip(moves, tips, strict=True)
         paths = tuple(planned(index, Detour(*detail)) for index, detail in enumerate(details))
-    shift = root_shift(source, pose, paths, found)
+    shift, back = root_shift(source, pose, paths, found)
     near = within_reach(source, pose, paths, found, shift)
     relaxed, trimmed = relax_ankles(shifted(source, shift), feet, near, found)
     if relaxed != paths:
         paths, found = above_ground(feet, relaxed, paths, trimmed, ground, source.fps), trimmed
-        shift = root_shift(source, pose, paths, found)
+        shift, back = root_shift(source, pose, paths, found)
     found = trim_toe_contacts(found, feet, paths, (stances, footholds), SHORTEST * source.fps)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
-    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles, ground)
+    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles, ground, back)
 
 
 def with_ends(
