@@ -23,8 +23,9 @@ from mjmotion.body.character import Character
 from mjmotion.body.geom_points import geom_points
 from mjmotion.body.kinematics import Kinematics, Pose, character_geoms
 from mjmotion.footsteps.footholds import Foothold
-from mjmotion.footsteps.mesh_pieces import fills_hull, mesh_pieces
+from mjmotion.footsteps.mesh_pieces import mesh_pieces
 from mjmotion.ik.solver import Inequalities
+from mjmotion.scene.hulls import fills_hull
 
 Array = NDArray[np.float64]
 
