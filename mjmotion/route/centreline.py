@@ -17,7 +17,7 @@ from mjmotion.route.bend import Bend
 
 Array = NDArray[np.float64]
 
-SWAY = 0.5  # τ of the line: what is shorter than about 2π τ is sway [m]
+SWAY = 0.3  # τ of the line: what is shorter than about 2π τ is sway [m]
 STEP = 0.1  # spacing of a line's points [m]
 _STILL = 0.08  # a root that stays nearer than this to where it was goes nowhere [m]
 _EVEN = 0.05  # τ of arc length over time [s]

@@ -22,7 +22,6 @@ STEP = 0.2  # of arc length between layers [m]
 SHARPEST = 1.5  # curvature more than the source's: 60° in a step of 0.7 m [1/m]
 CURVES = np.array((-1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0))  # shares of the sharpest
 KEPT = 3000  # places of a layer
-HOPELESS = 20.0  # what costs so much more than the cheapest is given up
 PLACE, HEADING = 0.08, np.radians(10.0)  # nearer than that two are one [m], [rad]
 
 ASIDE = 1.0  # price of a metre's way one metre off the old line
@@ -115,8 +114,7 @@ def _next(places: _Places, layer: int, asked: Asked, heading: Array, space: Free
             cost += 0.5 * step * price * np.maximum(lack, 0.0)
         cost += 0.5 * step * BOWED * (distance[:, -1] < HEAD)
     new = _Places(point, off, curve, along, cost, before)
-    order = np.argsort(cost, kind="stable")[:KEPT]
-    return new[order[cost[order] <= cost[order[0]] + HOPELESS]]
+    return new[np.argsort(cost, kind="stable")[:KEPT]]
 
 
 def _beside(
