@@ -39,8 +39,10 @@ from mjmotion.footsteps.footholds import (
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
+from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
+from mjmotion.route.way import Route, find_route
 from mjmotion.scene import Scene
 from mjmotion.scene.ground import Ground
 
@@ -55,7 +57,7 @@ class Plan:
     """What the scene asks of a walk, before anything is fitted.
 
     Attributes:
-      source: the clip placed at the scene's start, on the character's model.
+      source: the clip placed at the scene's start, on the character's model, on its way.
       contacts: who stands when.
       paths: where each foot goes.
       stances: the feet's stays on one spot.
@@ -64,6 +66,8 @@ class Plan:
       obstacles: what to keep clear of.
       ground: the scene's surfaces.
       back: (nframe,) how far of the shift the hips stay back for the ankles uphill; None as 0 [m].
+      recorded: the clip on its own way, where that is another; else None.
+      route: where the walk goes, and why; None where that was not looked for.
     """
 
     source: Motion
@@ -75,6 +79,8 @@ class Plan:
     obstacles: tuple[Obstacle, ...]
     ground: Ground
     back: Array | None = None
+    recorded: Motion | None = None
+    route: Route | None = None
 
     def constraints(self) -> list[SiteConstraint]:
         """Both feet posed at every frame."""
@@ -101,19 +107,31 @@ def place(clip: Motion, scene: Scene) -> Motion:
     return clip.replace(qpos)
 
 
-def make_plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = None) -> Plan:
+def make_plan(
+    clip: Motion,
+    scene: Scene,
+    contacts: Sequence[Contact] | None = None,
+    settings: PlanSettings | None = None,
+) -> Plan:
     """Find out what the scene asks of a walk.
+
+    Args:
+      clip: the walk.
+      scene: where it is to go.
+      contacts: who stands when; found in the clip without.
+      settings: what of the walk may change.
 
     Raises:
       ContactError: the clip has no contacts, or the given ones do not fit it.
       ModelError: the character has no feet.
       SceneError: no ground under the walk.
     """
+    settings = PlanSettings() if settings is None else settings
     scene = scene.at_rest()  # what could move is an obstacle and ground like the rest
-    source = place(clip, scene)
+    recorded = place(clip, scene)
     feet = clip.character.feet
     found = (
-        detect_contacts(source)
+        detect_contacts(recorded)
         if contacts is None
         else check_contacts(contacts, clip.model, clip.nframe)
     )
@@ -122,10 +140,22 @@ def make_plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = N
             "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
             " give them with a contacts file"
         )
+    # On its own way the recorded feet are still: bent, they slide a little where they stand.
+    route = _routed(recorded, scene, settings)
+    bent = route is not None and route.bent
+    source = route.bend.apply(recorded) if route is not None and bent else recorded
     pose = Kinematics(source.model, source.nframe).forward(source.qpos)
     stances = find_stances(source, pose, feet, found)
     footholds = find_footholds(stances, feet, scene.ground, float(scene.start_pos[2]))
-    return _on_ground(source, pose, found, stances, footholds, scene)
+    plan = _on_ground(source, pose, found, stances, footholds, scene)
+    return dataclasses.replace(plan, recorded=recorded if bent else None, route=route)
+
+
+def _routed(clip: Motion, scene: Scene, settings: PlanSettings) -> Route | None:
+    """Return where a clip goes; None where it keeps its own way."""
+    if isinstance(settings.path, str) and settings.path == "keep":
+        return None
+    return find_route(clip, scene, climb=settings.climb, avoid=settings.avoid)
 
 
 def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid") -> Plan:
@@ -172,7 +202,8 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
     pose = Kinematics(source.model, source.nframe).forward(source.qpos)
     # With every heel again that had to give where it stood before.
     found = contacts_of(plan.stances, feet)
-    return _on_ground(source, pose, found, plan.stances, new, scene)
+    new_plan = _on_ground(source, pose, found, plan.stances, new, scene)
+    return dataclasses.replace(new_plan, recorded=plan.recorded, route=plan.route)
 
 
 def _off_plane(old: Foothold, new: Foothold) -> float:
