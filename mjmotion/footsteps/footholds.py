@@ -287,7 +287,7 @@ def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
     ends = (foot.heel, foot.toe, *near)
     offset = rotate(yaw, np.concatenate((ends, probe)))
     points = spots[:, None] + offset * (1.0, 1.0, 0.0)
-    heights, normals = ground.under(points)
+    heights, normals = ground.standing(points)
     missing = np.isnan(heights)
     heights = np.where(missing, spots[:, None, 2], heights)
     heel = np.concatenate((points[:, 0, :2], heights[:, :1]), axis=1)

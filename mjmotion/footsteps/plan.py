@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.feet import Foot
-from mjmotion.body.kinematics import Kinematics, Pose
+from mjmotion.body.kinematics import Kinematics, Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
 from mjmotion.constraints.shared_targets import SharedMove
@@ -38,6 +38,8 @@ from mjmotion.footsteps.footholds import (
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
+from mjmotion.footsteps.settings import PlanSettings
+from mjmotion.footsteps.steps import bend_along, choose_footholds
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.scene import Scene
@@ -53,13 +55,15 @@ class Plan:
     """What the scene asks of a walk, before anything is fitted.
 
     Attributes:
-      source: the clip placed at the scene's start, on the character's model.
+      source: the clip placed at the scene's start, on the character's model, taken along with its
+        steps where these were moved.
       contacts: who stands when.
       paths: where each foot goes.
       stances: the feet's stays on one spot.
       footholds: what it stands on, one a stance.
       root_shift: (nframe, 3) the first guess of §4.5 [m].
       obstacles: what to keep clear of.
+      level: the clip on its own way, as its stances are; None where the source is.
     """
 
     source: Motion
@@ -69,6 +73,12 @@ class Plan:
     footholds: tuple[Foothold, ...]
     root_shift: Array
     obstacles: tuple[Obstacle, ...]
+    level: Motion | None = None
+
+    @property
+    def recorded(self) -> Motion:
+        """The clip on its own way on level ground."""
+        return self.source if self.level is None else self.level
 
     def constraints(self) -> list[SiteConstraint]:
         """Both feet posed at every frame."""
@@ -95,8 +105,19 @@ def place(clip: Motion, scene: Scene) -> Motion:
     return clip.replace(qpos)
 
 
-def make_plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = None) -> Plan:
+def make_plan(
+    clip: Motion,
+    scene: Scene,
+    contacts: Sequence[Contact] | None = None,
+    settings: PlanSettings | None = None,
+) -> Plan:
     """Find out what the scene asks of a walk.
+
+    Args:
+      clip: the walk, on level ground.
+      scene: where it is to walk.
+      contacts: who stands when; found in the clip without.
+      settings: what may be planned anew.
 
     Raises:
       ContactError: the clip has no contacts, or the given ones do not fit it.
@@ -104,10 +125,11 @@ def make_plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = N
       SceneError: no ground under the walk.
     """
     scene = scene.at_rest()  # what could move is an obstacle and ground like the rest
-    source = place(clip, scene)
+    settings = PlanSettings() if settings is None else settings
+    level = place(clip, scene)
     feet = clip.character.feet
     found = (
-        detect_contacts(source)
+        detect_contacts(level)
         if contacts is None
         else check_contacts(contacts, clip.model, clip.nframe)
     )
@@ -116,10 +138,14 @@ def make_plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = N
             "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
             " give them with a contacts file"
         )
-    pose = Kinematics(source.model, source.nframe).forward(source.qpos)
-    stances = find_stances(source, pose, feet, found)
-    footholds = find_footholds(stances, feet, scene.ground, float(scene.start_pos[2]))
-    return _on_ground(source, pose, found, stances, footholds, scene)
+    pose = Kinematics(level.model, level.nframe).forward(level.qpos)
+    stances = find_stances(level, pose, feet, found)
+    ground = scene.ground_without(settings.avoid)
+    footholds, turns = choose_footholds(stances, feet, ground, float(scene.start_pos[2]))
+    source = level
+    if turns is not None:
+        source = bend_along(level, stances, footholds, turns).apply(level)
+    return _on_ground((source, level), found, stances, footholds, scene)
 
 
 def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid") -> Plan:
@@ -162,11 +188,9 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
         if not off.any():
             break
         share[off] *= 0.5 if halving < _HALVINGS - 1 else 0.0
-    source = plan.source
-    pose = Kinematics(source.model, source.nframe).forward(source.qpos)
     # With every heel again that had to give where it stood before.
     found = contacts_of(plan.stances, feet)
-    return _on_ground(source, pose, found, plan.stances, new, scene)
+    return _on_ground((plan.source, plan.recorded), found, plan.stances, new, scene)
 
 
 def _off_plane(old: Foothold, new: Foothold) -> float:
@@ -175,18 +199,22 @@ def _off_plane(old: Foothold, new: Foothold) -> float:
 
 
 def _on_ground(
-    source: Motion,
-    pose: Pose,
+    clips: tuple[Motion, Motion],
     found: tuple[Contact, ...],
     stances: Sequence[Stance],
     footholds: tuple[Foothold, ...],
     scene: Scene,
 ) -> Plan:
-    """Plan the ways from foothold to foothold, one a stance."""
-    feet, ground = source.character.feet, scene.ground
+    """Plan the ways from foothold to foothold, one a stance, of a clip and of it on its own way."""
+    (source, level), ground = clips, scene.ground
+    feet = source.character.feet
+    pose, own = (
+        Kinematics(clip.model, clip.nframe).forward(clip.qpos) for clip in (source, level)
+    )
 
     def planned(index: int, detour: Detour | None = None) -> FootPath:
-        return foot_path(feet[index], index, pose, stances, footholds, ground, source.fps, detour)
+        path = foot_path(feet[index], index, own, stances, footholds, ground, source.fps, detour)
+        return path if source is level else _against(path, pose, own)
 
     # What feet, ankles and root ask of each other, each told once, the firmest first.
     paths = tuple(planned(index) for index in range(len(feet)))
@@ -221,7 +249,16 @@ def _on_ground(
         shift = root_shift(source, pose, paths, found)
     found = trim_toe_contacts(found, feet, paths, (stances, footholds), SHORTEST * source.fps)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
-    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles)
+    on_its_own = None if source is level else level
+    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles, on_its_own)
+
+
+def _against(path: FootPath, pose: Pose, own: Pose) -> FootPath:
+    """Return a path whose shift is against a clip that was taken along, and not its own way."""
+    site = site_id(pose.model, path.site)
+    return dataclasses.replace(
+        path, shift=path.shift + own.site_xpos[:, site] - pose.site_xpos[:, site]
+    )
 
 
 def with_ends(

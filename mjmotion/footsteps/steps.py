@@ -1,0 +1,100 @@
+"""Footholds of a walk: each by itself where that makes steps that can be walked, else all together.
+
+footholds, turns = choose_footholds(stances, feet, ground, start_height)
+bend = bend_along(motion, stances, footholds, turns)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.body.feet import Foot
+from mjmotion.body.motion import Motion
+from mjmotion.exceptions import SceneError
+from mjmotion.footsteps.chain import TOLERATED, chain_costs, find_chain
+from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds
+from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
+from mjmotion.numerics.smoothing import ease
+from mjmotion.route.bend import Bend, smooth_bend
+from mjmotion.scene.ground import Ground
+
+Array = NDArray[np.float64]
+
+BEND_TIME = 0.3  # τ of the root's way that goes with the steps [s]
+
+
+def choose_footholds(
+    stances: Sequence[Stance], feet: Sequence[Foot], ground: Ground, start_height: float
+) -> tuple[tuple[Foothold, ...], Array | None]:
+    """Put every stance on the ground, so that its steps can be walked.
+
+    Args:
+      stances: in order of time, at their own spots.
+      feet: the feet they are of.
+      ground: the scene's surfaces.
+      start_height: height of the ground where the walk begins [m].
+
+    Returns:
+      One foothold a stance; and how far each was turned about the vertical (n,) [rad] where all were
+      chosen together, None where each one is near its own spot.
+
+    Raises:
+      SceneError: there is nothing to stand on within reach of a step.
+    """
+    try:
+        near = find_footholds(stances, feet, ground, start_height)
+        if (chain_costs(stances, feet, near, ground) <= TOLERATED).all():
+            return near, None
+    except SceneError:
+        pass  # nothing near where the source stands; there may be where its steps lead
+    chain = find_chain(stances, feet, ground, start_height)
+    moved = [
+        dataclasses.replace(
+            stance,
+            source_pos=np.array((*spot, stance.source_pos[2])),
+            source_quat=multiply(yaw_quat(np.asarray(turn)), stance.source_quat),
+        )
+        for stance, spot, turn in zip(stances, chain.spots, chain.turns, strict=True)
+    ]
+    return find_footholds(moved, feet, ground, start_height), chain.turns
+
+
+def bend_along(
+    motion: Motion, stances: Sequence[Stance], footholds: Sequence[Foothold], turns: Array
+) -> Bend:
+    """Return the bend that takes a clip along with footholds that are elsewhere.
+
+    The body goes with the foot that stands as if it were one with it, with both where both stand,
+    and evenly from one to the next; smoothly.
+
+    Args:
+      motion: the clip.
+      stances: its stances, at their own spots.
+      footholds: one a stance.
+      turns: (n,) how far each was turned about the vertical [rad].
+    """
+    nframe, root = motion.nframe, motion.qpos[:, :3]
+    asked = []
+    for foot in sorted({stance.foot for stance in stances}):
+        mine = [index for index, stance in enumerate(stances) if stance.foot == foot]
+        move = np.empty((nframe, 3))
+        for number, index in enumerate(mine):
+            stance = stances[index]
+            whole = np.empty((nframe, 3))
+            arm = root - stance.source_pos
+            turned = rotate(yaw_quat(np.full(nframe, turns[index])), arm)
+            whole[:, :2] = (footholds[index].position - stance.source_pos + turned - arm)[:, :2]
+            whole[:, 2] = turns[index]
+            before = stances[mine[number - 1]].end if number else 0
+            count = stance.start - before if number else 0
+            share = ease((np.arange(count) + 1.0) / (count + 1.0))[:, None]
+            swing = slice(before, before + count)
+            move[swing] += share * (whole[swing] - move[swing])
+            move[before + count :] = whole[before + count :]
+        asked.append(move)
+    mean = np.mean(asked, axis=0)
+    return smooth_bend(mean[:, :2], mean[:, 2], np.ones(nframe), BEND_TIME * motion.fps)
