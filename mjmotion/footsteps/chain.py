@@ -21,7 +21,7 @@ from mjmotion.body.feet import Foot
 from mjmotion.exceptions import SceneError, frame_list
 from mjmotion.footsteps.footholds import Foothold, Stance
 from mjmotion.footsteps.spots import CELL, Spots
-from mjmotion.footsteps.step_costs import Placed, Step, step_costs
+from mjmotion.footsteps.step_costs import Placed, Step, best_steps
 from mjmotion.footsteps.way import Way
 from mjmotion.scene.ground import Ground
 
@@ -33,7 +33,7 @@ KEPT = 160  # places of a stance from which the next step is sought
 CARRIED = 40  # of these, from which the source's own step is tried as it is
 BACK, ON, ASIDE = 0.55, 0.30, 0.30  # how much shorter, longer or wider a step may be [m]
 FIRST = 0.35  # how far from its own spot the first foot may stand [m]
-FIRST_OFF = 0.10  # a first foot is worth one that is so far from it [m]
+FIRST_OFF = 0.10  # a foot that stands from the first frame is worth one so far from its spot [m]
 LOOK = 0.10  # how far beyond its spots ground is looked at for a foot [m]
 TOLERATED = 2.0  # a chain none of whose steps costs more is good as it is
 
@@ -73,7 +73,8 @@ class _Walk:
         self.spots = np.array([stance.source_pos[:2] for stance in stances])
         quat = np.array([stance.source_quat for stance in stances])
         self.yaw = 2.0 * np.arctan2(quat[:, 3], quat[:, 0])
-        self.way = Way.between(self.spots, float(self.yaw[0]))
+        foot = np.array([stance.foot for stance in stances])
+        self.way = Way.between(self.spots, foot, float(self.yaw[0]))
         coordinates = [self.way.coordinates(self.spots[:1], 0.0)]
         for spot in self.spots[1:]:
             near = coordinates[-1][0] + 0.5
@@ -151,7 +152,8 @@ def chain_costs(
         before, after = (
             walk.placed(point[None, :2], walk.along[index], point[2:]) for point in two
         )
-        costs[index] = step_costs(walk.step(index), before, after, window)[0, 0]
+        cost, _ = best_steps(walk.step(index), before, np.zeros(1), after, window)
+        costs[index] = cost[0]
         costs[index] += float(ground.seen(two[1:])[2][0]) * 2.0 * TOLERATED
     return costs
 
@@ -198,13 +200,13 @@ def _next(walk: _Walk, spots: Spots, index: int, last: _Row) -> _Row:
     if len(few) == 0:
         raise _nothing(walk, index, carried[0])
     placed = walk.placed(points[few], middle, fit.height[few])
-    ways = step_costs(step, last.placed, placed, window)
-    total = ways + last.total
-    back = total.argmin(axis=1)
-    row = np.arange(len(few))
-    whole = total[row, back] + fit.cost[few]
+    ways, back = best_steps(step, last.placed, last.total, placed, window)
+    own_cost = ways + fit.cost[few]
+    if walk.stances[index].start == walk.stances[0].start:  # it stands when the clip begins
+        away = placed.point - walk.spots[index]
+        own_cost = own_cost + ((away / FIRST_OFF) ** 2).sum(axis=1)
+    whole = own_cost + last.total[back]
     kept = np.argsort(whole, kind="stable")[:KEPT]
-    own_cost = ways[row, back] + fit.cost[few]
     return _Row(placed[kept], whole[kept], own_cost[kept], back[kept])
 
 

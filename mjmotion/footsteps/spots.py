@@ -78,30 +78,41 @@ class Window:
         Args:
           foot: the foot.
           yaw: how it is turned about the vertical [rad].
-          points: where.
+          points: where, no nearer to the window's border than a foot reaches.
         """
         turn = np.array(((np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))))
-        sole, edge, ends, leg = (part @ turn.T for part in _outlines(foot))
-        under = self.at(points[:, None] + sole)
-        avoided = self.avoided[self.cells(points[:, None] + sole)].any(axis=1)
-        stands = ~np.isnan(under).any(axis=1) & ~avoided
-        under = np.where(np.isnan(under), 0.0, under)
-        matrix = np.column_stack((sole, np.ones(len(sole))))
+        parts = [
+            np.unique(np.rint(part @ turn.T / CELL).astype(np.int64), axis=0)
+            for part in _outlines(foot)
+        ]
+        width = self.heights.shape[1]
+        column, row = self.cells(points)
+        first = column * width + row
+        # Every sample that is asked for lies within: no index can run over.
+        sole, rim, ends, leg = (first[:, None] + part[:, 0] * width + part[:, 1] for part in parts)
+        flat = self.heights.ravel()
+        under = flat[sole]
+        stands = ~np.isnan(under).any(axis=1)
+        if self.avoided.any():
+            stands &= ~self.avoided.ravel()[sole].any(axis=1)
+        under = np.where(stands[:, None], under, 0.0)
+        matrix = np.column_stack((CELL * parts[0], np.ones(len(parts[0]))))
         plane = under @ np.linalg.pinv(matrix).T
         off = np.abs(under - plane @ matrix.T).max(axis=1)
         cost = np.maximum(off - FLAT, 0.0) / UNEVEN
         cost = np.where(stands & (off < ROUGHEST), cost**2, np.inf)
+        good = np.flatnonzero(np.isfinite(cost))  # the others need no further look
 
-        def over(part: Array) -> Array:
-            height = self.at(points[:, None] + part)
-            level = plane[:, :2] @ part.T + plane[:, 2:]
+        def over(places: Index, part: Index) -> Array:
+            level = plane[good, :2] @ (CELL * part.T) + plane[good, 2:]
+            height = flat[places[good]]
             return np.asarray(np.where(np.isnan(height), np.inf, height - level))
 
-        rim = over(edge)
-        cost = cost + EDGE_COST * (np.abs(rim) > FLAT + RISER).any(axis=1)
-        cost = cost + RISER_COST * (over(ends) > RISER + FLAT).any(axis=1)
-        high = over(leg)
-        cost = cost + LEG_COST * ((high > HIGH) & np.isfinite(high)).any(axis=1)
+        edge = (np.abs(over(rim, parts[1])) > FLAT + RISER).any(axis=1)
+        riser = (over(ends, parts[2]) > RISER + FLAT).any(axis=1)
+        high = over(leg, parts[3])
+        high = ((high > HIGH) & np.isfinite(high)).any(axis=1)
+        cost[good] += EDGE_COST * edge + RISER_COST * riser + LEG_COST * high
         return Fit(plane[:, 2], cost)
 
 

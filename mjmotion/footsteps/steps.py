@@ -16,7 +16,7 @@ from mjmotion.body.feet import Foot
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import SceneError
 from mjmotion.footsteps.chain import TOLERATED, chain_costs, find_chain
-from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds
+from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds, footholds_at
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.numerics.smoothing import ease
 from mjmotion.route.bend import Bend, smooth_bend
@@ -60,7 +60,7 @@ def choose_footholds(
         )
         for stance, spot, turn in zip(stances, chain.spots, chain.turns, strict=True)
     ]
-    return find_footholds(moved, feet, ground, start_height), chain.turns
+    return footholds_at(moved, feet, ground, chain.heights.tolist()), chain.turns
 
 
 def bend_along(

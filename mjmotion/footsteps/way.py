@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 SHORTEST = 0.1  # corners nearer to each other than this are one [m]
 NEAR = 1.5  # how far along the line from where a place is expected it may be [m]
@@ -33,14 +34,19 @@ class Way:
     heading: Array
 
     @classmethod
-    def between(cls, spots: Array, facing: float) -> Way:
-        """Return the line through the middles between one footprint and the next.
+    def between(cls, spots: Array, foot: Index, facing: float) -> Way:
+        """Return the line through the middles between footprints and those of the other foot.
 
         Args:
           spots: (n, 2) footprints in order of time [m].
+          foot: (n,) which foot's each is.
           facing: direction of a walk that goes nowhere [rad].
         """
-        middle = 0.5 * (spots[1:] + spots[:-1]) if len(spots) > 1 else spots
+        order = np.arange(len(spots))
+        others = (foot != foot[:, None]) & (order < order[:, None])
+        last = np.where(others, order, -1).max(axis=1)
+        beside = last >= 0
+        middle = 0.5 * (spots + spots[last])[beside] if beside.any() else spots
         kept = [middle[0]]
         for point in middle[1:]:
             if np.hypot(*(point - kept[-1])) > SHORTEST:
