@@ -45,8 +45,8 @@ from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.heading import HEADINGS, never_met, set_off
 from mjmotion.footsteps.obstacles import ObstacleClearance
 from mjmotion.footsteps.paths import with_toes
-from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.footsteps.plan import Plan, make_plan, shifted, with_free_footholds
+from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.ik import IKSolver, make_solver
 from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.progress import Progress, no_progress
@@ -69,10 +69,10 @@ def adapt(  # more than eight parameters: all but the first two have a default
     constraints: Sequence[Constraint] = (),
     free_footholds: bool = False,
     heading: str = "start",
+    planning: PlanSettings | None = None,
     levels: Sequence[float] | None = None,
     tolerance: float = TOLERANCE,
     ik: str | IKSolver = "hybrid",
-    plan_settings: PlanSettings | None = None,
     progress: Progress = no_progress,
 ) -> Result:
     """Adapt a walk to a scene; it stays on the character that it is on.
@@ -86,10 +86,10 @@ def adapt(  # more than eight parameters: all but the first two have a default
       free_footholds: let footholds move as a whole to where the walk changes least (§7).
       heading: ``"start"``: the walk sets off along the start's x-axis, whatever its own way;
         ``"keep"``: its own +x is put there.
+      planning: what of the walk may change, such as its way.
       levels: frames a knot of each level, coarse to fine.
       tolerance: refinement stops once no constraint is off by more [m].
       ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
-      plan_settings: what of the walk may be planned anew.
       progress: called with stage, done, of.
 
     Raises:
@@ -103,7 +103,7 @@ def adapt(  # more than eight parameters: all but the first two have a default
     check_constraints(constraints)
     composed = compose(motion.character, scene)
     progress("contacts and footholds", 0, 0)
-    plan = make_plan(motion, scene, contacts, plan_settings)
+    plan = make_plan(motion, scene, contacts, planning)
     if free_footholds:
         plan = with_free_footholds(plan, scene, ik)
     settings = FitSettings(levels, tolerance, ik, progress)
@@ -173,10 +173,10 @@ def fit_plan(
     # Against what was asked for, not what was brought within reach; free targets where they went.
     wanted = [*plan.constraints(), *with_moves(asked, result.moves)]
     targets = lay_out(wanted, character.model, nframe)
-    source = plan.recorded.on(composed)
+    source = (plan.recorded or plan.source).on(composed)
     return Result(
         source,
-        plan.source.on(composed).replace(with_toes(result.motion, plan.paths).qpos),
+        source.replace(with_toes(result.motion, plan.paths).qpos),
         plan.contacts,
         result.trace,
         find_unmet(result.motion, targets, wanted),

@@ -154,7 +154,7 @@ def chain_costs(
         )
         cost, _ = best_steps(walk.step(index), before, np.zeros(1), after, window)
         costs[index] = cost[0]
-        costs[index] += float(ground.seen(two[1:])[2][0]) * 2.0 * TOLERATED
+        costs[index] += float(ground.firm(two[1:])[2][0]) * 2.0 * TOLERATED
     return costs
 
 

@@ -42,6 +42,7 @@ from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.footsteps.steps import bend_along, choose_footholds
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
+from mjmotion.route.way import Route, find_route
 from mjmotion.scene import Scene
 
 Array = NDArray[np.float64]
@@ -55,15 +56,15 @@ class Plan:
     """What the scene asks of a walk, before anything is fitted.
 
     Attributes:
-      source: the clip placed at the scene's start, on the character's model, taken along with its
-        steps where these were moved.
+      source: the clip placed at the scene's start, on the character's model, on its way.
       contacts: who stands when.
       paths: where each foot goes.
       stances: the feet's stays on one spot.
       footholds: what it stands on, one a stance.
       root_shift: (nframe, 3) the first guess of §4.5 [m].
       obstacles: what to keep clear of.
-      level: the clip on its own way, as its stances are; None where the source is.
+      recorded: the clip on its own way, where that is another; else None.
+      route: where the walk goes, and why; None where that was not looked for.
     """
 
     source: Motion
@@ -73,12 +74,8 @@ class Plan:
     footholds: tuple[Foothold, ...]
     root_shift: Array
     obstacles: tuple[Obstacle, ...]
-    level: Motion | None = None
-
-    @property
-    def recorded(self) -> Motion:
-        """The clip on its own way on level ground."""
-        return self.source if self.level is None else self.level
+    recorded: Motion | None = None
+    route: Route | None = None
 
     def constraints(self) -> list[SiteConstraint]:
         """Both feet posed at every frame."""
@@ -114,22 +111,22 @@ def make_plan(
     """Find out what the scene asks of a walk.
 
     Args:
-      clip: the walk, on level ground.
-      scene: where it is to walk.
+      clip: the walk.
+      scene: where it is to go.
       contacts: who stands when; found in the clip without.
-      settings: what may be planned anew.
+      settings: what of the walk may change.
 
     Raises:
       ContactError: the clip has no contacts, or the given ones do not fit it.
       ModelError: the character has no feet.
       SceneError: no ground under the walk.
     """
-    scene = scene.at_rest()  # what could move is an obstacle and ground like the rest
     settings = PlanSettings() if settings is None else settings
-    level = place(clip, scene)
+    scene = scene.at_rest()  # what could move is an obstacle and ground like the rest
+    recorded = place(clip, scene)
     feet = clip.character.feet
     found = (
-        detect_contacts(level)
+        detect_contacts(recorded)
         if contacts is None
         else check_contacts(contacts, clip.model, clip.nframe)
     )
@@ -138,14 +135,31 @@ def make_plan(
             "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
             " give them with a contacts file"
         )
-    pose = Kinematics(level.model, level.nframe).forward(level.qpos)
-    stances = find_stances(level, pose, feet, found)
+    # On its own way the recorded feet are still: bent, they slide a little where they stand.
+    route = _routed(recorded, scene, settings)
+    bent = route is not None and route.bent
+    source = route.bend.apply(recorded) if route is not None and bent else recorded
+    stances = _stances(recorded, found)
+    spots = _stances(source, found) if bent else stances
     ground = scene.ground_without(settings.avoid)
-    footholds, turns = choose_footholds(stances, feet, ground, float(scene.start_pos[2]))
-    source = level
+    footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
     if turns is not None:
-        source = bend_along(level, stances, footholds, turns).apply(level)
-    return _on_ground((source, level), found, stances, footholds, scene)
+        source = bend_along(source, spots, footholds, turns).apply(source)
+    plan = _on_ground((source, recorded), found, stances, footholds, scene)
+    return dataclasses.replace(plan, route=route)
+
+
+def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
+    """Return the stances of a clip where it is."""
+    pose = Kinematics(clip.model, clip.nframe).forward(clip.qpos)
+    return find_stances(clip, pose, clip.character.feet, contacts)
+
+
+def _routed(clip: Motion, scene: Scene, settings: PlanSettings) -> Route | None:
+    """Return where a clip goes; None where it keeps its own way."""
+    if isinstance(settings.path, str) and settings.path == "keep":
+        return None
+    return find_route(clip, scene, climb=settings.climb, avoid=settings.avoid)
 
 
 def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid") -> Plan:
@@ -190,7 +204,10 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
         share[off] *= 0.5 if halving < _HALVINGS - 1 else 0.0
     # With every heel again that had to give where it stood before.
     found = contacts_of(plan.stances, feet)
-    return _on_ground((plan.source, plan.recorded), found, plan.stances, new, scene)
+    clips = plan.source, plan.recorded or plan.source
+    return dataclasses.replace(
+        _on_ground(clips, found, plan.stances, new, scene), route=plan.route
+    )
 
 
 def _off_plane(old: Foothold, new: Foothold) -> float:
@@ -205,16 +222,24 @@ def _on_ground(
     footholds: tuple[Foothold, ...],
     scene: Scene,
 ) -> Plan:
-    """Plan the ways from foothold to foothold, one a stance, of a clip and of it on its own way."""
-    (source, level), ground = clips, scene.ground
+    """Plan the ways from foothold to foothold, one a stance.
+
+    Args:
+      clips: the clip where its root is to go, and as recorded, where its feet are still.
+      found: who stands when.
+      stances: where the recorded feet stand.
+      footholds: where they are to stand.
+      scene: the scene.
+    """
+    (source, recorded), ground = clips, scene.ground
     feet = source.character.feet
     pose, own = (
-        Kinematics(clip.model, clip.nframe).forward(clip.qpos) for clip in (source, level)
+        Kinematics(clip.model, clip.nframe).forward(clip.qpos) for clip in (source, recorded)
     )
 
     def planned(index: int, detour: Detour | None = None) -> FootPath:
         path = foot_path(feet[index], index, own, stances, footholds, ground, source.fps, detour)
-        return path if source is level else _against(path, pose, own)
+        return path if source is recorded else _against(path, pose, own)
 
     # What feet, ankles and root ask of each other, each told once, the firmest first.
     paths = tuple(planned(index) for index in range(len(feet)))
@@ -249,12 +274,12 @@ def _on_ground(
         shift = root_shift(source, pose, paths, found)
     found = trim_toe_contacts(found, feet, paths, (stances, footholds), SHORTEST * source.fps)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
-    on_its_own = None if source is level else level
-    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles, on_its_own)
+    other = None if source is recorded else recorded
+    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles, other)
 
 
 def _against(path: FootPath, pose: Pose, own: Pose) -> FootPath:
-    """Return a path whose shift is against a clip that was taken along, and not its own way."""
+    """Return a path whose shift is against a clip that goes another way than the recorded one."""
     site = site_id(pose.model, path.site)
     return dataclasses.replace(
         path, shift=path.shift + own.site_xpos[:, site] - pose.site_xpos[:, site]

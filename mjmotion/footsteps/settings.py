@@ -1,7 +1,7 @@
 """What may be planned anew where a scene asks for it, and what has to stay as recorded.
 
-    settings = PlanSettings(path="keep", strict=True)
-    plan = make_plan(clip, scene, settings=settings)
+settings = PlanSettings(path="keep", strict=True)
+plan = make_plan(clip, scene, settings=settings)
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ class PlanSettings:
     """What of a walk may change, and what it may use.
 
     Attributes:
-      path: ``"bend"``: round what is in the way, and back; ``"keep"``: the clip's own; or (n, 2) the
-        way that it is to take, points in the world [m].
+      path: ``"bend"``: round what is in the way, and back; ``"keep"``: the clip's own; or (n, 2)
+        points of the way that it is to take [m].
       avoid: names of geoms that are not stood on, however low.
       climb: whether it steps on or over what is higher than a step and has a top; else it goes
         round that.

@@ -70,8 +70,9 @@ def set_down(
     ends = (foot.heel, foot.toe, *near)
     offset = rotate(yaw, np.concatenate((ends, probe)))
     points = spots[:, None] + offset * (1.0, 1.0, 0.0)
-    heights, normals = ground.standing(points)
-    missing = np.isnan(heights)
+    heights, normals, avoided = ground.firm(points)
+    missing = np.isnan(heights) | avoided
+    normals = np.where(avoided[..., None], 0.0, normals)
     heights = np.where(missing, spots[:, None, 2], heights)
     heel = np.concatenate((points[:, 0, :2], heights[:, :1]), axis=1)
     toe = np.concatenate((points[:, 1, :2], heights[:, 1:2]), axis=1)

@@ -158,7 +158,7 @@ class Spots:
         points = np.empty((len(new), TILE, TILE, 3))
         points[..., :2] = CELL * (corners[:, None, None] + own)
         points[..., 2] = STOREY * np.array([tile[2] for tile in new])[:, None, None]
-        height, _, avoided = self._ground.seen(points)
+        height, _, avoided = self._ground.firm(points)
         self._tiles.update(zip(new, zip(height, avoided, strict=True), strict=True))
 
 

@@ -58,24 +58,24 @@ class Ground:
           height (...) [m] and normal (..., 3); NaN and zero where there is nothing to stand on:
           no surface at all, a wall, or the inside of a solid.
         """
-        height, normal, _ = self.seen(points)
+        height, normal, _ = self.standing(points)
         return height, normal
 
-    def standing(self, points: Array) -> tuple[Array, Array]:
-        """Return what :meth:`under` does, with nothing to stand on where it is to be avoided."""
-        height, normal, avoided = self.seen(points)
-        return np.where(avoided, np.nan, height), np.where(avoided[..., None], 0.0, normal)
-
-    def seen(self, points: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return what :meth:`under` does, and where (...) it is to be avoided."""
+    def standing(self, points: Array) -> tuple[Array, Array, NDArray[np.int32]]:
+        """Return what :meth:`under` does, and the geoms (...) that it is of; -1 for none."""
         shape = points.shape[:-1]
         origin = points.reshape(-1, 3) + (0.0, 0.0, LOOK_FROM)
         distance, geom, normal = self._rays.cast(origin, np.array((0.0, 0.0, -1.0)))
         stands = (distance >= 0.0) & (normal[:, 2] > STEEPEST)
         height = np.where(stands, origin[:, 2] - distance, np.nan)
         normal = np.where(stands[:, None], normal, 0.0)
-        avoided = self._avoided[geom]
-        return height.reshape(shape), normal.reshape(*shape, 3), avoided.reshape(shape)
+        geom = np.where(stands, geom, np.int32(-1))
+        return height.reshape(shape), normal.reshape(*shape, 3), geom.reshape(shape)
+
+    def firm(self, points: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Return what :meth:`under` does, and where (...) that is not meant to be stood on."""
+        height, normal, geom = self.standing(points)
+        return height, normal, np.asarray(self._avoided[geom])
 
     def on_field(self, points: Array) -> bool:
         """Return whether all of points (n, 3) are over heightfields, seen as :meth:`under` does."""
