@@ -92,6 +92,10 @@ class Detour:
     aside: Array
     tip: Array
 
+    def and_aside(self, more: Array) -> Detour:
+        """Return the detour that goes aside by (nframe, 3) more [m]."""
+        return Detour(self.aside + more, self.tip)
+
 
 def foot_path(
     foot: Foot,

@@ -36,10 +36,11 @@ from mjmotion.footsteps.footholds import (
     find_stances,
 )
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
+from mjmotion.footsteps.pace import Pace, find_pace
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
 from mjmotion.footsteps.settings import PlanSettings
-from mjmotion.footsteps.steps import bend_along, choose_footholds
+from mjmotion.footsteps.steps import bend_along, choose_footholds, loose_ends
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.route.way import Route, find_route
@@ -65,6 +66,9 @@ class Plan:
       obstacles: what to keep clear of.
       recorded: the clip on its own way, where that is another; else None.
       route: where the walk goes, and why; None where that was not looked for.
+      pace: which place of the clip each frame shows, where its steps take another time; else None.
+      loose: (nframe, 3) of each foot, where steps were moved: how much further it goes before its
+        first stance and after its last [m].
     """
 
     source: Motion
@@ -76,6 +80,8 @@ class Plan:
     obstacles: tuple[Obstacle, ...]
     recorded: Motion | None = None
     route: Route | None = None
+    pace: Pace | None = None
+    loose: tuple[Array, ...] = ()
 
     def constraints(self) -> list[SiteConstraint]:
         """Both feet posed at every frame."""
@@ -143,10 +149,18 @@ def make_plan(
     spots = _stances(source, found) if bent else stances
     ground = scene.ground_without(settings.avoid)
     footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
-    if turns is not None:
-        source = bend_along(source, spots, footholds, turns).apply(source)
-    plan = _on_ground((source, recorded), found, stances, footholds, scene)
-    return dataclasses.replace(plan, route=route)
+    if turns is None:
+        plan = _on_ground((source, recorded), found, stances, footholds, scene)
+        return dataclasses.replace(plan, route=route)
+    pace = find_pace(spots, footholds, clip.nframe, clip.fps)
+    if settings.pace == "keep":
+        pace = Pace.none(clip.nframe)
+    source, recorded = pace.apply(source), pace.apply(recorded)
+    found, stances, spots = pace.contacts(found), pace.stances(stances), pace.stances(spots)
+    loose = loose_ends(spots, footholds, source.nframe)
+    source = bend_along(source, spots, footholds, (turns, loose)).apply(source)
+    plan = _on_ground((source, recorded), found, stances, footholds, scene, loose)
+    return dataclasses.replace(plan, route=route, pace=None if pace.same else pace)
 
 
 def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
@@ -205,9 +219,8 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
     # With every heel again that had to give where it stood before.
     found = contacts_of(plan.stances, feet)
     clips = plan.source, plan.recorded or plan.source
-    return dataclasses.replace(
-        _on_ground(clips, found, plan.stances, new, scene), route=plan.route
-    )
+    planned = _on_ground(clips, found, plan.stances, new, scene, plan.loose)
+    return dataclasses.replace(planned, route=plan.route, pace=plan.pace)
 
 
 def _off_plane(old: Foothold, new: Foothold) -> float:
@@ -221,6 +234,7 @@ def _on_ground(
     stances: Sequence[Stance],
     footholds: tuple[Foothold, ...],
     scene: Scene,
+    loose: tuple[Array, ...] = (),
 ) -> Plan:
     """Plan the ways from foothold to foothold, one a stance.
 
@@ -230,6 +244,7 @@ def _on_ground(
       stances: where the recorded feet stand.
       footholds: where they are to stand.
       scene: the scene.
+      loose: how much further each foot goes before its first and after its last stance.
     """
     (source, recorded), ground = clips, scene.ground
     feet = source.character.feet
@@ -237,9 +252,14 @@ def _on_ground(
         Kinematics(clip.model, clip.nframe).forward(clip.qpos) for clip in (source, recorded)
     )
 
+
     def planned(index: int, detour: Detour | None = None) -> FootPath:
+        more = loose[index] if loose else None
+        if more is not None and more.any():
+            none = np.zeros(source.nframe)
+            detour = Detour(more, none) if detour is None else detour.and_aside(more)
         path = foot_path(feet[index], index, own, stances, footholds, ground, source.fps, detour)
-        return path if source is recorded else _against(path, pose, own)
+        return path if source is recorded else _against(path, pose, own, more)
 
     # What feet, ankles and root ask of each other, each told once, the firmest first.
     paths = tuple(planned(index) for index in range(len(feet)))
@@ -275,15 +295,17 @@ def _on_ground(
     found = trim_toe_contacts(found, feet, paths, (stances, footholds), SHORTEST * source.fps)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
     other = None if source is recorded else recorded
-    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles, other)
+    return Plan(
+        *(source, found, paths, tuple(stances), footholds, shift, obstacles, other),
+        loose=loose,
+    )
 
 
-def _against(path: FootPath, pose: Pose, own: Pose) -> FootPath:
+def _against(path: FootPath, pose: Pose, own: Pose, loose: Array | None) -> FootPath:
     """Return a path whose shift is against a clip that goes another way than the recorded one."""
     site = site_id(pose.model, path.site)
-    return dataclasses.replace(
-        path, shift=path.shift + own.site_xpos[:, site] - pose.site_xpos[:, site]
-    )
+    shift = path.shift + own.site_xpos[:, site] - pose.site_xpos[:, site]
+    return dataclasses.replace(path, shift=shift if loose is None else shift + loose)
 
 
 def with_ends(

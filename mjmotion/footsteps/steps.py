@@ -1,7 +1,8 @@
 """Footholds of a walk: each by itself where that makes steps that can be walked, else all together.
 
 footholds, turns = choose_footholds(stances, feet, ground, start_height)
-bend = bend_along(motion, stances, footholds, turns)
+loose = loose_ends(stances, footholds, motion.nframe)
+bend = bend_along(motion, stances, footholds, (turns, loose))
 """
 
 from __future__ import annotations
@@ -63,8 +64,51 @@ def choose_footholds(
     return footholds_at(moved, feet, ground, chain.heights.tolist()), chain.turns
 
 
+def loose_ends(
+    stances: Sequence[Stance], footholds: Sequence[Foothold], nframe: int
+) -> tuple[Array, ...]:
+    """Return how much further feet go (nframe, 3) before their first stance and after their last [m].
+
+    The clip does not show where they come from or go to. As the last step was moved against the one
+    before it, so is the next: a walk of short steps ends in one.
+
+    Args:
+      stances: all stances in order of time.
+      footholds: one a stance.
+      nframe: of the clip.
+    """
+    moved = np.array([f.position - s.source_pos for s, f in zip(stances, footholds, strict=True)])
+    moved[:, 2] = 0.0
+    loose = []
+    for foot in range(max(stance.foot for stance in stances) + 1):
+        mine = [index for index, stance in enumerate(stances) if stance.foot == foot]
+        others = [index for index, stance in enumerate(stances) if stance.foot != foot]
+        more = np.zeros((nframe, 3))
+        swings = [stances[b].start - stances[a].end for a, b in zip(mine, mine[1:], strict=False)]
+        swings += [
+            stances[b].start - stances[a].end for a, b in zip(others, others[1:], strict=False)
+        ]
+        if mine and others and swings:
+            time = max(float(np.median(swings)), 1.0)
+            begin, end = stances[mine[0]].start, stances[mine[-1]].end
+            for frames, edge, own, other in (
+                (np.arange(begin), begin, mine[0], others[0]),
+                (np.arange(end, nframe), end - 1, mine[-1], others[-1]),
+            ):
+                # Only where the other foot stands nearer to that end is there a step to go on from.
+                if (own < other) == (edge == begin):
+                    continue
+                share = ease(np.abs(frames - edge) / (time + 1.0))
+                more[frames] = 2.0 * share[:, None] * (moved[other] - moved[own])
+        loose.append(more)
+    return tuple(loose)
+
+
 def bend_along(
-    motion: Motion, stances: Sequence[Stance], footholds: Sequence[Foothold], turns: Array
+    motion: Motion,
+    stances: Sequence[Stance],
+    footholds: Sequence[Foothold],
+    moves: tuple[Array, tuple[Array, ...]],
 ) -> Bend:
     """Return the bend that takes a clip along with footholds that are elsewhere.
 
@@ -75,9 +119,10 @@ def bend_along(
       motion: the clip.
       stances: its stances, at their own spots.
       footholds: one a stance.
-      turns: (n,) how far each was turned about the vertical [rad].
+      moves: (n,) how far each was turned about the vertical [rad], and what :func:`loose_ends` says.
     """
     nframe, root = motion.nframe, motion.qpos[:, :3]
+    turns, loose = moves
     asked = []
     for foot in sorted({stance.foot for stance in stances}):
         mine = [index for index, stance in enumerate(stances) if stance.foot == foot]
@@ -95,6 +140,7 @@ def bend_along(
             swing = slice(before, before + count)
             move[swing] += share * (whole[swing] - move[swing])
             move[before + count :] = whole[before + count :]
+        move[:, :2] += loose[foot][:, :2]
         asked.append(move)
     mean = np.mean(asked, axis=0)
     return smooth_bend(mean[:, :2], mean[:, 2], np.ones(nframe), BEND_TIME * motion.fps)
