@@ -25,7 +25,7 @@ from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
 
-BEND_TIME = 0.3  # τ of the root's way that goes with the steps [s]
+BEND_TIME = 0.4  # τ of the root's way that goes with the steps [s]
 
 
 def choose_footholds(
