@@ -89,6 +89,11 @@ class BesideSource:
         self._own = body_states(self._model, motion.qpos, changing)
         self._before = body_states(self._model, source.qpos)
 
+    @property
+    def sites(self) -> tuple[int, ...]:
+        """Ids of heels and toes."""
+        return self._body.sites
+
     def posture(self) -> None:
         """How far trunk and head lean back."""
         anatomy = self._body.anatomy

@@ -34,6 +34,7 @@ from mjmotion.validation.penetration import CharacterGeoms, penetration
 from mjmotion.validation.result import Validation, Worst, asked_clearance
 from mjmotion.validation.sheet import Sheet
 from mjmotion.validation.stance import Stance
+from mjmotion.validation.support import footprint_line, standing_frames
 from mjmotion.validation.thresholds import THRESHOLDS, Threshold, merge_thresholds
 
 _MM = 1000.0
@@ -277,10 +278,16 @@ class _Figures(Sheet):
             self.note(f"{prefix}jerk_ratio_p999", ratio(high[0], high[1]), int(frame), where)
 
     def travelling(self) -> None:
-        """How far the root goes over the ground."""
+        """How far the root goes over the ground, and from where to where."""
         (path, away), (own_path, own_away) = travel(self.motion.qpos), travel(self.source.qpos)
+        sites = self.beside.sites
+        held = standing_frames(self.model, sites, self.contacts, self.motion.nframe)
+        line, own_line = (
+            footprint_line(poses.site[:, sites], held) for poses in (self.poses, self.before)
+        )
+        # Steps of other lengths, and another way, take the root along.
         for name, own, before in (
-            ("root_travel_ratio", path, own_path),
+            ("root_travel_ratio", path, own_path + line - own_line),
             ("root_displacement_ratio", away, own_away),
         ):
             self.note(name, ratio(own, before, STILL), None, f"{own:.2f} m of {before:.2f} m")
