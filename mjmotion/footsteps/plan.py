@@ -66,7 +66,7 @@ class Plan:
       obstacles: what to keep clear of.
       recorded: the clip on its own way, where that is another; else None.
       route: where the walk goes, and why; None where that was not looked for.
-      pace: which place of the clip each frame shows, where its steps take another time; else None.
+      original: the clip in its own time, of other frames, where steps take another; else None.
       loose: (nframe, 3) of each foot, where steps were moved: how much further it goes before its
         first stance and after its last [m].
     """
@@ -80,7 +80,7 @@ class Plan:
     obstacles: tuple[Obstacle, ...]
     recorded: Motion | None = None
     route: Route | None = None
-    pace: Pace | None = None
+    original: Motion | None = None
     loose: tuple[Array, ...] = ()
 
     def constraints(self) -> list[SiteConstraint]:
@@ -155,12 +155,13 @@ def make_plan(
     pace = find_pace(spots, footholds, clip.nframe, clip.fps)
     if settings.pace == "keep":
         pace = Pace.none(clip.nframe)
+    original = None if pace.same else recorded
     source, recorded = pace.apply(source), pace.apply(recorded)
     found, stances, spots = pace.contacts(found), pace.stances(stances), pace.stances(spots)
     loose = loose_ends(spots, footholds, source.nframe)
     source = bend_along(source, spots, footholds, (turns, loose)).apply(source)
     plan = _on_ground((source, recorded), found, stances, footholds, scene, loose)
-    return dataclasses.replace(plan, route=route, pace=None if pace.same else pace)
+    return dataclasses.replace(plan, route=route, original=original)
 
 
 def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
@@ -220,7 +221,7 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
     found = contacts_of(plan.stances, feet)
     clips = plan.source, plan.recorded or plan.source
     planned = _on_ground(clips, found, plan.stances, new, scene, plan.loose)
-    return dataclasses.replace(planned, route=plan.route, pace=plan.pace)
+    return dataclasses.replace(planned, route=plan.route, original=plan.original)
 
 
 def _off_plane(old: Foothold, new: Foothold) -> float:
