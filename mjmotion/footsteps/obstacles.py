@@ -141,10 +141,11 @@ def find_obstacles(
             towards = np.clip(root_path[nearest], low, high)[:2] - root_path[nearest, :2]
             passed = abs(towards @ direction[:2]) <= _ABREAST * distance[nearest]
             out = LONG * passed * direction
-            if _in_the_way(surface, out, root_path, span):
+            overhead = low[2] - ground > OVERHEAD
+            if not overhead and _in_the_way(surface, out, root_path, span):
                 out = np.zeros(3)
             drawn = np.concatenate((surface - out, surface + out))
-            if low[2] - ground > OVERHEAD:
+            if overhead:
                 drawn = np.concatenate((drawn, drawn + (0.0, 0.0, RAISED)))
         name = scene.geom(int(geom)).name or f"geom {geom}"
         found.append(Obstacle(name, surface, drawn, direction, span))

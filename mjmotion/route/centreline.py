@@ -17,7 +17,7 @@ from mjmotion.route.bend import Bend
 
 Array = NDArray[np.float64]
 
-SWAY = 0.5  # τ of the line: what is shorter than about 2π τ is sway [m]
+SWAY = 0.3  # τ of the line: what is shorter than about 2π τ is sway [m]
 STEP = 0.1  # spacing of a line's points [m]
 _STILL = 0.08  # a root that stays nearer than this to where it was goes nowhere [m]
 _EVEN = 0.05  # τ of arc length over time [s]
@@ -69,12 +69,16 @@ class Centreline:
         """Its length [m]."""
         return float(self.length[-1])
 
-    def spaced(self, step: float = STEP) -> Array:
+    def spaced(self, step: float = STEP, further: float = 0.0) -> Array:
         """Return points (n, 2) a step apart along the line [m], the last at its end or just past.
 
         A walk that stays where it is has one.
+
+        Args:
+          step: apart [m].
+          further: how far they go on beyond the end [m].
         """
-        count = int(np.ceil(self.whole / step - 1e-9)) + 1
+        count = int(np.ceil((self.whole + further) / step - 1e-9)) + 1
         return at_lengths(self.points, self.length, np.arange(count) * step)
 
     def bend(self, points: Array) -> Bend:
