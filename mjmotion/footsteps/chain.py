@@ -33,7 +33,7 @@ KEPT = 160  # places of a stance from which the next step is sought
 CARRIED = 40  # of these, from which the source's own step is tried as it is
 BACK, ON, ASIDE = 0.55, 0.30, 0.30  # how much shorter, longer or wider a step may be [m]
 FIRST = 0.35  # how far from its own spot the first foot may stand [m]
-FIRST_OFF = 0.10  # a foot that stands from the first frame is worth one so far from its spot [m]
+FIRST_OFF = 0.20  # a first foot is worth one that is so far from its own spot [m]
 LOOK = 0.10  # how far beyond its spots ground is looked at for a foot [m]
 TOLERATED = 2.0  # a chain none of whose steps costs more is good as it is
 
@@ -90,6 +90,7 @@ class _Walk:
             float(self.beside[index] - self.beside[index - 1]),
             float(self.beside[index]),
             0 if same else 1 if side == "left" else -1,
+            self.stances[index].start == self.stances[0].start,
         )
 
     def turned(self, index: int, along: Array) -> Array:
@@ -202,9 +203,6 @@ def _next(walk: _Walk, spots: Spots, index: int, last: _Row) -> _Row:
     placed = walk.placed(points[few], middle, fit.height[few])
     ways, back = best_steps(step, last.placed, last.total, placed, window)
     own_cost = ways + fit.cost[few]
-    if walk.stances[index].start == walk.stances[0].start:  # it stands when the clip begins
-        away = placed.point - walk.spots[index]
-        own_cost = own_cost + ((away / FIRST_OFF) ** 2).sum(axis=1)
     whole = own_cost + last.total[back]
     kept = np.argsort(whole, kind="stable")[:KEPT]
     return _Row(placed[kept], whole[kept], own_cost[kept], back[kept])

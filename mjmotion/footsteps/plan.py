@@ -70,7 +70,7 @@ class Plan:
       back: (nframe,) how far of the shift the hips stay back for the ankles uphill; None as 0 [m].
       recorded: the clip on its own way, where that is another; else None.
       route: where the walk goes, and why; None where that was not looked for.
-      pace: which place of the clip each frame shows, where its steps take another time; else None.
+      original: the clip in its own time, of other frames, where steps take another; else None.
       loose: (nframe, 3) of each foot, where steps were moved: how much further it goes before its
         first stance and after its last [m].
     """
@@ -86,7 +86,7 @@ class Plan:
     back: Array | None = None
     recorded: Motion | None = None
     route: Route | None = None
-    pace: Pace | None = None
+    original: Motion | None = None
     loose: tuple[Array, ...] = ()
 
     def constraints(self) -> list[SiteConstraint]:
@@ -161,12 +161,13 @@ def make_plan(
     pace = find_pace(spots, footholds, clip.nframe, clip.fps)
     if settings.pace == "keep":
         pace = Pace.none(clip.nframe)
+    original = None if pace.same else recorded
     source, recorded = pace.apply(source), pace.apply(recorded)
     found, stances, spots = pace.contacts(found), pace.stances(stances), pace.stances(spots)
     loose = loose_ends(spots, footholds, source.nframe)
     source = bend_along(source, spots, footholds, (turns, loose)).apply(source)
     plan = _on_ground((source, recorded), found, stances, footholds, scene, loose)
-    return dataclasses.replace(plan, route=route, pace=None if pace.same else pace)
+    return dataclasses.replace(plan, route=route, original=original)
 
 
 def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
@@ -226,7 +227,7 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
     found = contacts_of(plan.stances, feet)
     clips = plan.source, plan.recorded or plan.source
     planned = _on_ground(clips, found, plan.stances, new, scene, plan.loose)
-    return dataclasses.replace(planned, route=plan.route, pace=plan.pace)
+    return dataclasses.replace(planned, route=plan.route, original=plan.original)
 
 
 def _off_plane(old: Foothold, new: Foothold) -> float:

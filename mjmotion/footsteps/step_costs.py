@@ -17,9 +17,10 @@ Index = NDArray[np.int64]
 
 SHORTER, LONGER = 0.30, 0.13  # a step is worth one that is this much shorter, or longer [m]
 STRIDE_MORE = 0.25  # a step longer than the source's by this share of it is a stretch
-STRETCH = 0.04  # worth one for each of these more [m]
+STRETCH = 0.015  # worth one for each of these more [m]
 WIDER = 0.10  # the same beside [m]
 OFF_WAY = 0.35  # a foot is worth one that is so far beside its own line [m]
+TAKEN = 3.0  # times that a step should rather be its own that is no step: both feet stand
 EASY_RISE = 0.22  # what a step may rise or fall at no cost [m]
 HIGHER = 0.04  # a step is worth one that rises or falls this much more [m]
 FEET_APART = 0.11  # how far beside the other's a foot keeps, or as far as the source's [m]
@@ -61,12 +62,14 @@ class Step:
       along, beside: of the foot that steps from the other, along the way and to its left [m].
       off: how far to the way's left it ends [m].
       side: 1 where the foot that steps is the left, -1 the right, 0 if the same foot steps again.
+      taken: whether both feet stand already when the clip begins.
     """
 
     along: float
     beside: float
     off: float
     side: int
+    taken: bool
 
 
 def best_steps(
@@ -96,10 +99,11 @@ def _bare_costs(step: Step, before: Placed, after: Placed) -> Array:
     along = after.along[:, None] - before.along
     beside = after.beside[:, None] - before.beside
     more = (along - step.along) * (1.0 if step.along >= 0.0 else -1.0)
-    cost = (more / np.where(more > 0.0, LONGER, SHORTER)) ** 2
+    firm = TAKEN if step.taken else 1.0
+    cost = (firm * more / np.where(more > 0.0, LONGER, SHORTER)) ** 2
     most = STRIDE_MORE * abs(step.along) + CELL
     cost += (np.maximum(more - most, 0.0) / STRETCH) ** 2
-    cost += ((beside - step.beside) / WIDER) ** 2
+    cost += (firm * (beside - step.beside) / WIDER) ** 2
     cost += ((after.beside[:, None] - step.off) / OFF_WAY) ** 2
     rise = after.height[:, None] - before.height
     cost += (np.maximum(np.abs(rise) - EASY_RISE, 0.0) / HIGHER) ** 2

@@ -69,12 +69,16 @@ class Centreline:
         """Its length [m]."""
         return float(self.length[-1])
 
-    def spaced(self, step: float = STEP) -> Array:
+    def spaced(self, step: float = STEP, further: float = 0.0) -> Array:
         """Return points (n, 2) a step apart along the line [m], the last at its end or just past.
 
         A walk that stays where it is has one.
+
+        Args:
+          step: apart [m].
+          further: how far they go on beyond the end [m].
         """
-        count = int(np.ceil(self.whole / step - 1e-9)) + 1
+        count = int(np.ceil((self.whole + further) / step - 1e-9)) + 1
         return at_lengths(self.points, self.length, np.arange(count) * step)
 
     def bend(self, points: Array) -> Bend:

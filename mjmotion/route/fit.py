@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mjmotion.numerics.smoothing import follow
 from mjmotion.route.centreline import at_lengths
 from mjmotion.route.free_space import FreeSpace
+from mjmotion.route.search import Asked
 
 Array = NDArray[np.float64]
 
@@ -21,26 +22,32 @@ _HELD = 1e4  # weight of where the walk begins
 _BEGIN = 0.15  # how much of the way is held there [m]
 _PROBE = 0.01  # over which the slope of a lack is taken [m]
 _ENOUGH = 0.003  # lack that is none [m]
+_SOFT = 0.02  # what a lack of room for arms is worth, to one of room for the trunk
 _FIRM = 8.0  # weight of what is pushed, to that of the rest
 FINE = 0.05  # spacing of the line's points [m]
 
 
-def fit_line(way: Array, needed: Array, space: FreeSpace) -> Array:
+def fit_line(way: Array, asked: Asked, space: FreeSpace) -> Array:
     """Return the smooth line (n, 2) near a way, :data:`FINE` apart [m].
 
     Args:
-      way: (m, 2) the way [m].
-      needed: (m, nband + 1) half widths along it [m].
+      way: (m, 2) the way, a step apart [m].
+      asked: what the walk asks of it.
       space: what is free.
     """
-    steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
-    length = np.concatenate(([0.0], np.cumsum(steps)))
+    length = asked.spacing * np.arange(len(way))
     wanted = np.arange(0.0, length[-1] + 1e-9, FINE)
     rough = at_lengths(way, length, wanted)
-    widths = np.column_stack([np.interp(wanted, length, column) for column in needed.T])
+    swung, trunk = (
+        np.column_stack([np.interp(wanted, length, column) for column in needed.T])
+        for needed in (asked.swung, asked.trunk)
+    )
+    # Arms have all their room where the way has it, and what it has elsewhere.
+    narrow = space.lack(rough, swung) > 0.0
+    wide = np.where(narrow[:, None], trunk, swung)
     best, least = rough, np.inf
     for time in SMOOTH:
-        line, lack = _pushed(rough, widths, space, time)
+        line, lack = _pushed(rough, (trunk, wide), space, time)
         if lack < least - _ENOUGH:
             best, least = line, lack
         if least <= _ENOUGH:
@@ -48,22 +55,26 @@ def fit_line(way: Array, needed: Array, space: FreeSpace) -> Array:
     return best
 
 
-def _pushed(rough: Array, widths: Array, space: FreeSpace, time: float) -> tuple[Array, float]:
-    """Return the smooth line of least lack, and what it lacks [m]."""
+def _pushed(
+    rough: Array, widths: tuple[Array, Array], space: FreeSpace, time: float
+) -> tuple[Array, float]:
+    """Return the smooth line that lacks the least, and what of the first widths it lacks [m]."""
+    trunk, wide = widths
     weight = np.ones(len(rough))
     weight[: max(2, round(_BEGIN / FINE))] = _HELD
     goal = rough
-    best, least = rough, np.inf
+    best, least, worth = rough, np.inf, np.inf
     for _ in range(ROUNDS):
         line = follow(goal, weight, time / FINE)
-        lack = space.lack(line, widths)
-        if float(lack.max()) < least:
-            best, least = line, float(lack.max())
-        if least <= _ENOUGH:
+        lack = space.lack(line, wide)
+        firm, soft = float(space.lack(line, trunk).max()), float(lack.max())
+        if max(firm, _ENOUGH) + _SOFT * soft < worth:
+            best, least, worth = line, firm, max(firm, _ENOUGH) + _SOFT * soft
+        if max(firm, soft) <= _ENOUGH:
             break
         out = np.stack(
             [
-                space.lack(line + shift, widths) - space.lack(line - shift, widths)
+                space.lack(line + shift, wide) - space.lack(line - shift, wide)
                 for shift in _PROBE * np.eye(2)
             ],
             axis=-1,

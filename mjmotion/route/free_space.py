@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mjmotion.route.shapes import Shape, outline_distance, solid_shapes
 from mjmotion.route.walkable import CELL as GROUND_CELL
-from mjmotion.route.walkable import Walkable, find_walkable
+from mjmotion.route.walkable import STRIDE, Walkable, find_walkable
 from mjmotion.route.width import BANDS, LOWEST, STEP_HEIGHT
 from mjmotion.scene import Scene
 
@@ -45,6 +45,7 @@ class FreeSpace:
         there is no ground. :data:`FAR` where nothing is near.
       nearest: (nband + 1, ny, nx) the geom that it is to, or :data:`NO_GROUND`.
       overhead: (ny, nx) to what one has to bow under [m].
+      rise: (ny, nx) between the lowest and the highest ground within a step [m].
       ground: what can be walked to.
     """
 
@@ -52,11 +53,12 @@ class FreeSpace:
     distance: Array
     nearest: Index
     overhead: Array
+    rise: Array
     ground: Walkable
 
     def distances(self, points: Array) -> Array:
-        """Return (..., nband + 2) distances at points (..., 2) [m]; the last of what hangs low."""
-        layers = np.concatenate((self.distance, self.overhead[None]))
+        """Return distances (..., nband + 3) at points (..., 2), the last of rises [m]."""
+        layers = np.concatenate((self.distance, self.overhead[None], self.rise[None]))
         return self._between(points, layers)
 
     def _between(self, points: Array, layers: Array) -> Array:
@@ -119,7 +121,7 @@ def find_free_space(
     for solid in solid_shapes(scene.model, *box):
         grid.add(solid)
     grid.add_ground()
-    return FreeSpace(low, grid.distance, grid.nearest, grid.overhead, ground)
+    return FreeSpace(low, grid.distance, grid.nearest, grid.overhead, grid.rises(), ground)
 
 
 class _Grid:
@@ -220,6 +222,16 @@ class _Grid:
         rows, columns = cells[0][nearer], cells[1][nearer]
         self.distance[band, rows, columns] = distance[nearer]
         self.nearest[band, rows, columns] = geom
+
+    def rises(self) -> Array:
+        """Return (ny, nx) what ground rises and falls within a step [m]."""
+        from scipy.ndimage import maximum_filter, minimum_filter
+
+        height, size = self.ground.height, 2 * STRIDE // 2 + 1
+        rise = maximum_filter(height, size) - minimum_filter(height, size)
+        rows, columns = np.indices(self.overhead.shape)
+        points = self.corner + CELL * np.stack((columns, rows), axis=-1)
+        return np.asarray(rise[self.ground.cells(points)])
 
     def add_ground(self) -> None:
         """Take into account where there is no ground."""

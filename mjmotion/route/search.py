@@ -28,11 +28,13 @@ ASIDE = 1.0  # price of a metre's way one metre off the old line
 FARTHEST = 1.2  # further off it costs no more [m]
 ASTRAY = 0.15  # price of a metre's way that heads elsewhere than the old line does, by a radian
 WORST = np.radians(75.0)  # more than that costs no more
-CURVED = 0.12  # price of a metre's way curved by 1/m more than the old line
+CURVED = 0.3  # price of a metre's way curved by 1/m more than the old line
 BENT = 0.05  # price of a change of that curvature
 TIGHT = 15.0  # price of a metre's way that lacks a metre of what the arms swing through
 BARRED = 600.0  # price of a metre's way that lacks a metre of what trunk and legs take up
 BOWED = 1.0  # price of a metre's way under what hangs low
+CLIMBED = 3.0  # price of a metre's way that rises or falls by a metre more than LEVEL
+LEVEL = 0.2  # rise within a step that costs nothing [m]
 HEAD = 0.25  # nearer to it than that one bows [m]
 
 
@@ -110,9 +112,10 @@ def _next(places: _Places, layer: int, asked: Asked, heading: Array, space: Free
     for at in (0.5 * (places.point[before] + point), point):
         distance = space.distances(at)
         for price, needed in ((TIGHT, asked.swung), (BARRED, asked.trunk)):
-            lack = (needed[layer + 1] - distance[:, :-1]).max(axis=1)
+            lack = (needed[layer + 1] - distance[:, :-2]).max(axis=1)
             cost += 0.5 * step * price * np.maximum(lack, 0.0)
-        cost += 0.5 * step * BOWED * (distance[:, -1] < HEAD)
+        cost += 0.5 * step * BOWED * (distance[:, -2] < HEAD)
+        cost += 0.5 * step * CLIMBED * np.maximum(distance[:, -1] - LEVEL, 0.0)
     new = _Places(point, off, curve, along, cost, before)
     return new[np.argsort(cost, kind="stable")[:KEPT]]
 

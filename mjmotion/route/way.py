@@ -27,7 +27,9 @@ SWING = 0.05  # room beside arms [m]
 FREE = 0.02  # a line that lacks no more of what trunk and legs take up is free [m]
 TRACK = 0.12  # half width of what a walk needs as ground [m]
 REACH = (1.5, 6.0)  # how far around its line a walk may go, at least and at most [m]
-TURNING = np.radians(100.0)  # most that a walk turns in a second beyond what it does
+AHEAD = 0.4  # how much further a foot is put than the line goes [m]
+TURNING = np.radians(80.0)  # most that a walk turns in a second beyond what it does
+ASIDE = 1.6  # most that it is pulled aside [m/s²]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -77,14 +79,10 @@ def find_route(
     _, trunk = needed_widths(width, np.arange(len(own)) * FINE)
     if len(own) < 3 or space.lack(own, trunk).max() <= FREE:
         return _route(own, own, Bend.none(source.nframe), space, trunk)
-    points = line.spaced(STEP)
+    points = line.spaced(STEP, AHEAD)
     lengths = np.arange(len(points)) * STEP
     asked = Asked(points, *needed_widths(width, lengths), _sharpest(line, lengths))
-    way = find_way(asked, space)
-    lack = [space.lack(way, needed) for needed in (asked.swung, asked.trunk)]
-    # Arms have all their room where the way has it, and what it has elsewhere.
-    have = np.where((lack[0] > 0.0)[:, None], asked.trunk, asked.swung)
-    new = fit_line(way, have, space)
+    new = fit_line(find_way(asked, space), asked, space)
     count = min(len(new), len(trunk))
     return _route(own, new, line.bend(new), space, trunk[:count])
 
@@ -102,7 +100,8 @@ def _sharpest(line: Centreline, lengths: Array) -> Array:
     """Return the most curvature (n,) beyond its own that a walk is to have [1/m]."""
     pace = np.gradient(line.length) * line.fps if len(line.length) > 1 else np.zeros(1)
     at = np.interp(lengths, line.length, pace)
-    return np.minimum(SHARPEST, TURNING / np.maximum(at, 0.1))
+    pace = np.maximum(at, 0.1)
+    return np.minimum(SHARPEST, np.minimum(TURNING / pace, ASIDE / pace**2))
 
 
 def _route(own: Array, line: Array, bend: Bend, space: FreeSpace, needed: Array) -> Route:
