@@ -19,6 +19,8 @@ from mjmotion.body.kinematics import Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, SceneError, frame_list
 from mjmotion.footsteps.contacts import Contact, contact_mask
+from mjmotion.footsteps.rough import RISEN, settled_near
+from mjmotion.footsteps.settling import SINK, Plates, Tread
 from mjmotion.footsteps.under_toes import toes_on_ground, under_toes
 from mjmotion.numerics.rotations import cross, from_matrix, multiply, normalized, rotate, yaw_quat
 from mjmotion.scene.ground import Ground
@@ -28,7 +30,6 @@ Array = NDArray[np.float64]
 EDGE_MARGIN = 0.015  # how far inside an edge a sole keeps [m]
 ROUGH = 0.005  # how far ground may be from the sole plane before a better spot is sought [m]
 FIELD_ROUGH = 0.010  # the same on heightfields, which are nowhere quite flat [m]
-SINK = 0.0032  # how far the ground may rise into the sole [m]
 SEARCH_RADIUS = 0.34  # how far a foothold may move [m]
 APPROACH = 0.06  # how far before the toe and behind the heel no step may rise [m]
 CROWD_COST = 0.06  # way that half of that space is worth [m]
@@ -175,6 +176,7 @@ def find_footholds(
     """
     footholds: list[Foothold] = []
     height = start_height
+    treads = [Tread.of(foot) for foot in feet]
     last: dict[int, tuple[Stance, Foothold]] = {}
     for stance in stances:
         foot = feet[stance.foot]
@@ -191,14 +193,15 @@ def find_footholds(
         poor = poor or any(other.lack(place)[0] > 0.0 for other in others)
         if poor or _walled(foot, ground, place, 0):
             place = _search(foot, ground, spot, stance, place, rough, others)
+        tread = treads[stance.foot]
+        bend = toes_on_ground(foot, ground, place.position[0], place.quat[0])
+        rises = tread.rises(ground, place.position[0], place.quat[0], bend)
+        if place.fault[0] > rough or rises > RISEN:
+            place = _settled(tread, ground, spot, stance.source_quat, place, others)
+            bend = toes_on_ground(foot, ground, place.position[0], place.quat[0])
+        moved = float(np.hypot(*(place.position[0, :2] - stance.source_pos[:2])))
         footholds.append(
-            Foothold(
-                place.position[0],
-                place.quat[0],
-                place.normal[0],
-                float(np.hypot(*(place.position[0, :2] - stance.source_pos[:2]))),
-                toes_on_ground(foot, ground, place.position[0], place.quat[0]),
-            )
+            Foothold(place.position[0], place.quat[0], place.normal[0], moved, bend)
         )
         height = float(place.position[0, 2])
         last[stance.foot] = stance, footholds[-1]
@@ -338,9 +341,8 @@ def _search(
     others: Sequence[_Beside],
 ) -> _Placed:
     """Return the nearest spot with good ground; the best there is when none is good."""
-    radius = np.repeat(np.arange(1, _RINGS + 1) * SEARCH_RADIUS / _RINGS, _RAYS)
-    angle = np.tile(np.arange(_RAYS) * 2.0 * np.pi / _RAYS, _RINGS)
-    shift = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), np.zeros(len(radius))))
+    shift = _around()
+    radius = np.linalg.norm(shift, axis=1)
     placed = _place(foot, ground, spot + rotate(stance.source_quat, shift), stance.source_quat)
     if first.fault[0] <= rough and not _walled(foot, ground, first, 0):
         radius, placed = np.concatenate(([0.0], radius)), first + placed
@@ -366,6 +368,40 @@ def _search(
         " move the scene's site 'start' or choose a larger scene",
         frames,
     )
+
+
+def _around() -> Array:
+    """Return the ways (n, 3) from a spot to where else a foot may go, over the plane [m]."""
+    radius = np.repeat(np.arange(1, _RINGS + 1) * SEARCH_RADIUS / _RINGS, _RAYS)
+    angle = np.tile(np.arange(_RAYS) * 2.0 * np.pi / _RAYS, _RINGS)
+    return np.column_stack((radius * np.cos(angle), radius * np.sin(angle), np.zeros(len(radius))))
+
+
+def _settled(
+    tread: Tread,
+    ground: Ground,
+    spot: Array,
+    yaw: Array,
+    first: _Placed,
+    others: Sequence[_Beside],
+) -> _Placed:
+    """Return where a foot settles near a spot, on ground too uneven for its sole; else ``first``."""
+
+    def placed(plates: Plates) -> _Placed:
+        crowded = np.zeros(len(plates.gap))
+        return _Placed(plates.position, plates.quat, plates.normal, plates.gap, crowded)
+
+    def refused(plates: Plates) -> NDArray[np.bool_]:
+        lacks = [other.lack(placed(plates)) > 0.0 for other in others]
+        bad = np.any([np.zeros(len(plates.gap), dtype=bool), *lacks], axis=0)
+        # Walls are felt for one by one: at a place that is looked at closely.
+        if len(bad) == 1 and _walled(tread.foot, ground, placed(plates), 0):
+            bad[:] = True
+        return np.asarray(bad)
+
+    shift = np.concatenate((np.zeros((1, 3)), rotate(yaw, _around())))
+    near = settled_near(tread, ground, spot, yaw, shift, refused)
+    return first if near is None else placed(near)
 
 
 def carried(stance: Stance, foothold: Foothold) -> Array:
