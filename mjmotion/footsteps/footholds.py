@@ -20,7 +20,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, SceneError, frame_list
 from mjmotion.footsteps.contacts import Contact, contact_mask
 from mjmotion.footsteps.rough import RISEN, settled_near
-from mjmotion.footsteps.settling import SINK, Plates, Tread
+from mjmotion.footsteps.settling import Plates, Tread
 from mjmotion.footsteps.under_toes import toes_on_ground, under_toes
 from mjmotion.numerics.rotations import cross, from_matrix, multiply, normalized, rotate, yaw_quat
 from mjmotion.scene.ground import Ground
@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 EDGE_MARGIN = 0.015  # how far inside an edge a sole keeps [m]
 ROUGH = 0.005  # how far ground may be from the sole plane before a better spot is sought [m]
 FIELD_ROUGH = 0.010  # the same on heightfields, which are nowhere quite flat [m]
+SINK = 0.0032  # how far the ground may rise into the sole [m]
 SEARCH_RADIUS = 0.34  # how far a foothold may move [m]
 APPROACH = 0.06  # how far before the toe and behind the heel no step may rise [m]
 CROWD_COST = 0.06  # way that half of that space is worth [m]

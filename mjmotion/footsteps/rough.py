@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.footsteps.settling import HeightMap, Plates, Tread, settle, settled
+from mjmotion.footsteps.settling import COARSE_STEP, HeightMap, Plates, Tread, settle, settled
 from mjmotion.numerics.rotations import rotate
 from mjmotion.scene.ground import Ground
 
@@ -43,13 +43,13 @@ def settled_near(
       shift: (n, 3) from there to the places that are tried [m].
       refused: which of plates cannot be stood on.
     """
-    turned = rotate(yaw, tread.points)
-    spots = spot + shift
+    coarse = Tread.of(tread.foot, COARSE_STEP)
+    turned, spots = rotate(yaw, coarse.points), spot + shift
     reach = np.abs(shift[:, :2]).max() + np.linalg.norm(turned[:, :2], axis=1).max()
     heights = HeightMap(ground, spot, float(reach)).at(spots[:, None] + turned)
     around = np.broadcast_to(turned, (len(spots), *turned.shape))
     allowed = FIELD_GAP if ground.on_field(spot + turned) else SOLID_GAP
-    cost = _cost(settled(tread, spots, yaw, heights, around), shift, allowed, refused)
+    cost = _cost(settled(coarse, spots, yaw, heights, around), shift, allowed, refused)
     best, least = None, np.inf
     for index in np.argsort(cost)[:_TRIES]:
         # From close by it is never better than from afar by more than a little.

@@ -18,9 +18,10 @@ from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
 
-EDGE_STEP, INSIDE_STEP = 0.006, 0.012  # how far apart points of a tread are [m]
+EDGE_STEP, INSIDE_STEP = 0.006, 0.006  # how far apart points of a tread are [m]
+COARSE_STEP = 0.012  # the same where many places are tried [m]
 MAP_STEP = 0.01  # of the heights that many places are tried on [m]
-SINK = 0.0032  # how far the ground may rise into the sole [m]
+SINK = 0.0025  # how far the ground may rise into a sole that settles [m]
 SINK_STANDING = 0.001  # the same where a contact is, whose gap counts [m]
 MISSING = 1.0  # the gap where there is no ground [m]
 UP = np.array((0.0, 0.0, 1.0))
@@ -50,8 +51,8 @@ class Tread:
     around: NDArray[np.int64]
 
     @classmethod
-    def of(cls, foot: Foot) -> Tread:
-        """Return that of a foot."""
+    def of(cls, foot: Foot, step: float = INSIDE_STEP) -> Tread:
+        """Return that of a foot, its points ``step`` apart [m]."""
         from scipy.spatial import ConvexHull
 
         hull = ConvexHull(foot.sole[:, :2])
@@ -59,10 +60,10 @@ class Tread:
         edges = [
             corner + (after - corner) * np.linspace(0.0, 1.0, count, endpoint=False)[:, None]
             for corner, after in zip(corners, np.roll(corners, -1, axis=0), strict=True)
-            for count in [max(1, int(np.ceil(np.linalg.norm(after - corner) / EDGE_STEP)))]
+            for count in [max(1, int(np.ceil(np.linalg.norm(after - corner) / max(step, EDGE_STEP))))]
         ]
         low, high = corners.min(axis=0), corners.max(axis=0)
-        axes = [np.arange(low[i], high[i], INSIDE_STEP) for i in range(2)]
+        axes = [np.arange(low[i], high[i], step) for i in range(2)]
         grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
         outside = grid @ hull.equations[:, :2].T + hull.equations[:, 2]
         plane = np.concatenate((*edges, grid[(outside < 0.0).all(axis=1)]))
