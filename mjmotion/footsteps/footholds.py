@@ -33,6 +33,7 @@ FIELD_ROUGH = 0.010  # the same on heightfields, which are nowhere quite flat [m
 SINK = 0.0032  # how far the ground may rise into the sole [m]
 SEARCH_RADIUS = 0.34  # how far a foothold may move [m]
 APPROACH = 0.06  # how far before the toe and behind the heel no step may rise [m]
+NEARER = 0.05  # how much nearer a sole must settle for that to be worth it [m]
 CROWD_COST = 0.06  # way that half of that space is worth [m]
 FEET_APART = 0.02  # how far beside the other foot a foot is set down, where the source does [m]
 CROSSING = 0.06  # how much further across it may be, behind or before the other [m]
@@ -197,8 +198,11 @@ def find_footholds(
         tread = treads[stance.foot]
         bend = toes_on_ground(foot, ground, place.position[0], place.quat[0])
         rises = tread.rises(ground, place.position[0], place.quat[0], bend)
-        if place.fault[0] > rough or rises > RISEN:
-            place = _settled(tread, ground, spot, stance.source_quat, place, others)
+        uneven = place.fault[0] > rough or rises > RISEN
+        far = float(np.hypot(*(place.position[0] - spot)[:2])) - NEARER
+        if uneven or far > NEARER:
+            worth = np.inf if uneven else far
+            place = _settled(tread, ground, spot, stance.source_quat, place, others, worth)
             bend = toes_on_ground(foot, ground, place.position[0], place.quat[0])
         moved = float(np.hypot(*(place.position[0, :2] - stance.source_pos[:2])))
         footholds.append(
@@ -385,8 +389,9 @@ def _settled(
     yaw: Array,
     first: _Placed,
     others: Sequence[_Beside],
+    worth: float,
 ) -> _Placed:
-    """Return where a foot settles near a spot, on ground too uneven for its sole; else ``first``."""
+    """Return where a foot settles near a spot for less than ``worth`` [m]; else ``first``."""
 
     def placed(plates: Plates) -> _Placed:
         crowded = np.zeros(len(plates.gap))
@@ -401,8 +406,8 @@ def _settled(
         return np.asarray(bad)
 
     shift = np.concatenate((np.zeros((1, 3)), rotate(yaw, _around())))
-    near = settled_near(tread, ground, spot, yaw, shift, refused)
-    return first if near is None else placed(near)
+    near, cost = settled_near(tread, ground, spot, yaw, shift, refused)
+    return first if near is None or cost >= worth else placed(near)
 
 
 def carried(stance: Stance, foothold: Foothold) -> Array:

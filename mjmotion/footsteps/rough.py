@@ -30,10 +30,11 @@ def settled_near(
     yaw: Array,
     shift: Array,
     refused: Callable[[Plates], NDArray[np.bool_]],
-) -> Plates | None:
-    """Return the best place near a spot for a sole to settle on (n = 1); None where it can nowhere.
+) -> tuple[Plates | None, float]:
+    """Return the best place near a spot for a sole to settle on (n = 1), and what it costs [m].
 
-    Little way, little tilt, heel and ball on the ground, and nothing that rises into the sole.
+    Little way, little tilt, heel and ball on the ground, and nothing that rises into the sole. None
+    where it can settle nowhere.
 
     Args:
       tread: the sole.
@@ -61,7 +62,7 @@ def settled_near(
             best, least = close, worth
         if worth < cost[index] + _GOOD:
             break
-    return best if least < _REFUSED else None
+    return (best if least < _REFUSED else None), least
 
 
 def _cost(
