@@ -205,9 +205,7 @@ def find_footholds(
             place = _settled(tread, ground, spot, stance.source_quat, place, others, worth)
             bend = toes_on_ground(foot, ground, place.position[0], place.quat[0])
         moved = float(np.hypot(*(place.position[0, :2] - stance.source_pos[:2])))
-        footholds.append(
-            Foothold(place.position[0], place.quat[0], place.normal[0], moved, bend)
-        )
+        footholds.append(Foothold(place.position[0], place.quat[0], place.normal[0], moved, bend))
         height = float(place.position[0, 2])
         last[stance.foot] = stance, footholds[-1]
     return tuple(footholds)

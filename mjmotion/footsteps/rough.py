@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 RISEN = 0.0042  # ground that rises further into a sole that stands makes it settle [m]
 FIELD_GAP, SOLID_GAP = 0.008, 0.0015  # how far off the ground heel and ball may be [m]
-_GAP_COST = 20.0  # way that a gap beyond that is worth [m/m]
+_FIELD_COST, _SOLID_COST = 20.0, 100.0  # way that a gap beyond that is worth [m/m]
 _TILT_COST = 0.1  # way that a tilt is worth [m/rad]
 _TILT_MOST = 0.4  # steeper than this no foot stands on such ground [rad]
 _REFUSED = 1.0  # way that what is refused is worth [m]
@@ -49,15 +49,16 @@ def settled_near(
     reach = np.abs(shift[:, :2]).max() + np.linalg.norm(turned[:, :2], axis=1).max()
     heights = HeightMap(ground, spot, float(reach)).at(spots[:, None] + turned)
     around = np.broadcast_to(turned, (len(spots), *turned.shape))
-    allowed = FIELD_GAP if ground.on_field(spot + turned) else SOLID_GAP
-    cost = _cost(settled(coarse, spots, yaw, heights, around), shift, allowed, refused)
+    field = ground.on_field(spot + turned)
+    gap = (FIELD_GAP, _FIELD_COST) if field else (SOLID_GAP, _SOLID_COST)
+    cost = _cost(settled(coarse, spots, yaw, heights, around), shift, gap, refused)
     best, least = None, np.inf
     for index in np.argsort(cost)[:_TRIES]:
         # From close by it is never better than from afar by more than a little.
         if cost[index] >= least or cost[index] >= _REFUSED:
             break
         close = settle(tread, ground, spots[index], yaw)
-        worth = float(_cost(close, shift[index : index + 1], allowed, refused)[0])
+        worth = float(_cost(close, shift[index : index + 1], gap, refused)[0])
         if worth < least:
             best, least = close, worth
         if worth < cost[index] + _GOOD:
@@ -68,12 +69,15 @@ def settled_near(
 def _cost(
     plates: Plates,
     shift: Array,
-    allowed: float,
+    gap: tuple[float, float],
     refused: Callable[[Plates], NDArray[np.bool_]],
 ) -> Array:
-    """Return what plates cost (n,), as way that they are worth [m]."""
+    """Return what plates cost (n,), as way that they are worth [m].
+
+    ``gap`` is what may be [m], and what more is worth.
+    """
     tilt = np.arccos(np.clip(plates.normal[:, 2], -1.0, 1.0))
     bad = (tilt > _TILT_MOST) | refused(plates)
-    beyond = np.maximum(plates.gap - allowed, 0.0)
+    beyond = np.maximum(plates.gap - gap[0], 0.0)
     way = np.linalg.norm(shift, axis=1)
-    return np.asarray(way + _TILT_COST * tilt + _GAP_COST * beyond + _REFUSED * bad)
+    return np.asarray(way + _TILT_COST * tilt + gap[1] * beyond + _REFUSED * bad)

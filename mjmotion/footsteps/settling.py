@@ -25,6 +25,7 @@ SINK = 0.0025  # how far the ground may rise into a sole that settles [m]
 SINK_STANDING = 0.001  # the same where a contact is, whose gap counts [m]
 MISSING = 1.0  # the gap where there is no ground [m]
 UP = np.array((0.0, 0.0, 1.0))
+BESIDE = 0.012  # how far beside a sole it is felt for what stands there, higher than this [m]
 _EVEN = 1e-5  # a plate that ground is above by no more has settled [m]
 _PIVOTS = 60  # the most that a plate is let tip over; what is left then lifts it
 _ROUNDS = 3  # times that a plate settles on what is under it where it is by then
@@ -36,8 +37,8 @@ class Tread:
 
     Attributes:
       foot: the foot.
-      points: (k, 3) in the frame of its posed site, heel and ball first, the rest toes and all [m].
-      sink: (k,) how far the ground may rise into each, given toes bent up as far as they follow [m].
+      points: (k, 3) in the frame of its posed site: heel, ball, sole, and what is beside it [m].
+      sink: (k,) how far the ground may rise into each [m].
       toes: (k,) how far ahead of the hinge the toes' points are [m], 0 of all others.
       load: (2,) where the weight is, between heel and ball [m].
       around: (3,) points around that.
@@ -60,17 +61,24 @@ class Tread:
         edges = [
             corner + (after - corner) * np.linspace(0.0, 1.0, count, endpoint=False)[:, None]
             for corner, after in zip(corners, np.roll(corners, -1, axis=0), strict=True)
-            for count in [max(1, int(np.ceil(np.linalg.norm(after - corner) / max(step, EDGE_STEP))))]
+            for count in [
+                max(1, int(np.ceil(np.linalg.norm(after - corner) / max(step, EDGE_STEP))))
+            ]
         ]
         low, high = corners.min(axis=0), corners.max(axis=0)
         axes = [np.arange(low[i], high[i], step) for i in range(2)]
         grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
         outside = grid @ hull.equations[:, :2].T + hull.equations[:, 2]
-        plane = np.concatenate((*edges, grid[(outside < 0.0).all(axis=1)]))
+        edge = np.concatenate(edges)
+        beside = edge + BESIDE * normalized(edge - 0.5 * (low + high))
+        # A foot that lands on its heel leans back: what is behind it must be further away.
+        along = normalized((foot.toe - foot.heel)[:2])
+        beside -= BESIDE * along * ((edge - foot.heel[:2]) @ along < BESIDE)[:, None]
+        plane = np.concatenate((edge, grid[(outside < 0.0).all(axis=1)], beside))
         flat = np.column_stack((plane, np.full(len(plane), foot.sole[2:, 2].min())))
         points = np.concatenate((foot.heel[None], foot.toe[None], flat))
         sink, toes = np.full(len(points), SINK), np.zeros(len(points))
-        sink[:2] = SINK_STANDING
+        sink[:2], sink[-len(beside) :] = SINK_STANDING, SINK + BESIDE
         if foot.toes is not None:
             ahead = normalized((foot.front - foot.toe) * (1.0, 1.0, 0.0))
             toes = np.maximum((points - foot.toes.anchor) @ ahead, 0.0)
@@ -84,7 +92,7 @@ class Tread:
         height, _ = ground.under(points)
         normal = rotate(quat, UP)
         over = np.where(np.isnan(height), -np.inf, height - points[:, 2]) * normal[2]
-        return float((over - self.toes * np.tan(bend)).max())
+        return float((over - self.toes * np.tan(bend) - np.maximum(self.sink - SINK, 0.0)).max())
 
 
 def _triangle(points: Array, load: Array) -> NDArray[np.int64]:
@@ -169,7 +177,9 @@ def _rested(points: Array, heights: Array, load: Array, around: NDArray[np.int64
         # Shares of the load, and of what is taken over by the point that comes in.
         sides = np.stack((np.broadcast_to(aim, (len(row), 3)), lifted[row, worst]), axis=-1)
         share = np.linalg.solve(np.swapaxes(corners, 1, 2), sides)
-        ratio = np.where(share[..., 1] > 1e-9, share[..., 0] / np.maximum(share[..., 1], 1e-9), np.inf)
+        ratio = np.where(
+            share[..., 1] > 1e-9, share[..., 0] / np.maximum(share[..., 1], 1e-9), np.inf
+        )
         out = ratio.argmin(axis=1)
         base[row[high], out[high]] = worst[high]
     plane[:, 2] += np.maximum(over.max(axis=1), 0.0)
