@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 SOLE_BAND = 0.004  # foot geometry this close to the sole plane counts as sole [m]
 UNDER_STEP = 0.022  # how far apart points of an underside are: no small thing is missed [m]
-_DOWN = -0.2  # upward part of the normals of faces that some pitch of a foot turns down
+_DOWN = 0.2  # upward part of the normals of faces that some pitch of a foot turns down
 STIFFENS = 0.25  # how far before the end of their range toes begin to bend less [rad]
 _NEARLY = 0.999  # of their range that toes are taken to be bent by at most
 _ON_EDGE = 1e-9  # a point of the grid this near to the outline is inside [m]
@@ -199,26 +199,35 @@ def _foot(model: mujoco.MjModel, side: str, body: int, sites: tuple[int, int, in
     low = points[:, 2] < points[:, 2].min() + SOLE_BAND
     sole = np.concatenate((local, _fill(points[low])))
     close = _fill(points[low], UNDER_STEP, edges=True)
-    name, parts = f"{side}_foot", [rigid] if toes is None else [rigid, front]
+    parts = [rigid] if toes is None else [rigid, front]
     corners, lowest = [_hull(part) for part in parts], [_hull(part, down=True) for part in parts]
-    if toes is None:
-        shape, under = (np.concatenate((sole, *more)) for more in (corners, (close, *lowest)))
-        none = np.zeros(len(shape) + len(under), dtype=bool)
-        bends = none[: len(shape)], none[len(shape) :]
-        return Foot(side, body, name, *local, sole, shape, under, None, *bends)
-    # What of the sole lies ahead of the hinge is the toes'. On the ends of the hinge a foot tilts.
-    across = points[low] @ toes.axis
-    ends = points[low][[across.argmin(), across.argmax()]]
-    ahead = np.cross((0.0, 0.0, 1.0), toes.axis)
-    ends = ends - ((ends - toes.anchor) @ ahead)[:, None] * ahead
-    sole = np.concatenate((sole, ends))
-    shape, under = (np.concatenate((sole, *more)) for more in (corners, (close, *lowest)))
-    bends, close_bends = ((part - toes.anchor) @ ahead > _ON_EDGE for part in (sole, close))
+    ahead = np.zeros(3)
+    if toes is not None:
+        # What of the sole lies ahead of the hinge is the toes'. On the hinge's ends a foot tilts.
+        across = points[low] @ toes.axis
+        ends = points[low][[across.argmin(), across.argmax()]]
+        ahead = np.cross((0.0, 0.0, 1.0), toes.axis)
+        ends = ends - ((ends - toes.anchor) @ ahead)[:, None] * ahead
+        sole = np.concatenate((sole, ends))
+    anchor = np.zeros(3) if toes is None else toes.anchor
+    bends, close_bends = ((part - anchor) @ ahead > _ON_EDGE for part in (sole, close))
     whole, low_whole = (
-        np.repeat((False, True), [len(part) for part in some]) for some in (corners, lowest)
+        np.repeat((False, True)[: len(some)], [len(part) for part in some])
+        for some in (corners, lowest)
     )
-    bends = np.concatenate((bends, whole)), np.concatenate((bends, close_bends, low_whole))
-    return Foot(side, body, name, *local, sole, shape, under, toes, *bends)
+    return Foot(
+        side,
+        body,
+        f"{side}_foot",
+        local[0],
+        local[1],
+        sole,
+        np.concatenate((sole, *corners)),
+        np.concatenate((sole, close, *lowest)),
+        toes,
+        np.concatenate((bends, whole)),
+        np.concatenate((bends, close_bends, low_whole)),
+    )
 
 
 def _toes(

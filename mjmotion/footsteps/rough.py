@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 RISEN = 0.0042  # ground that rises further into a sole that stands makes it settle [m]
 FIELD_GAP, SOLID_GAP = 0.008, 0.0015  # how far off the ground heel and ball may be [m]
 _FIELD_COST, _SOLID_COST = 20.0, 100.0  # way that a gap beyond that is worth [m/m]
+HANGS, _HANG_COST = 0.07, 0.25  # ground that is lower under a sole; way that it is worth [m]
 _TILT_COST = 0.1  # way that a tilt is worth [m/rad]
 _TILT_MOST = 0.4  # steeper than this no foot stands on such ground [rad]
 _REFUSED = 1.0  # way that what is refused is worth [m]
@@ -80,4 +81,5 @@ def _cost(
     bad = (tilt > _TILT_MOST) | refused(plates)
     beyond = np.maximum(plates.gap - gap[0], 0.0)
     way = np.linalg.norm(shift, axis=1)
+    way = way + _HANG_COST * (plates.hangs > HANGS)
     return np.asarray(way + _TILT_COST * tilt + gap[1] * beyond + _REFUSED * bad)

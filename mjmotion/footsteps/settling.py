@@ -40,6 +40,7 @@ class Tread:
       points: (k, 3) in the frame of its posed site: heel, ball, sole, and what is beside it [m].
       sink: (k,) how far the ground may rise into each [m].
       toes: (k,) how far ahead of the hinge the toes' points are [m], 0 of all others.
+      beside: how many of them, at the end, are beside the sole.
       load: (2,) where the weight is, between heel and ball [m].
       around: (3,) points around that.
     """
@@ -48,6 +49,7 @@ class Tread:
     points: Array
     sink: Array
     toes: Array
+    beside: int
     load: Array
     around: NDArray[np.int64]
 
@@ -84,7 +86,8 @@ class Tread:
             toes = np.maximum((points - foot.toes.anchor) @ ahead, 0.0)
             toes[:2] = 0.0
         load = 0.5 * (foot.heel + foot.toe)[:2]
-        return cls(foot, points, sink, toes, load, _triangle(points[:, :2], load))
+        around = _triangle(points[:, :2], load)
+        return cls(foot, points, sink, toes, len(beside), load, around)
 
     def rises(self, ground: Ground, position: Array, quat: Array, bend: float) -> float:
         """Return how far the ground rises into a sole that stands, its toes bent up [m]."""
@@ -116,12 +119,14 @@ class Plates:
       quat: (n, 4) how it is turned.
       normal: (n, 3) of the plane of the sole.
       gap: (n,) how far heel or ball is off the ground, the further of the two [m].
+      hangs: (n,) how far the ground is at most under what is in the sole [m].
     """
 
     position: Array
     quat: Array
     normal: Array
     gap: Array
+    hangs: Array
 
 
 def settled(tread: Tread, spots: Array, yaw: Array, heights: Array, turned: Array) -> Plates:
@@ -152,7 +157,12 @@ def settled(tread: Tread, spots: Array, yaw: Array, heights: Array, turned: Arra
     position = spots + rotate(yaw, stands[:, 0]) - rotate(quat, foot.heel)
     gap = np.abs(stands[..., 2] - above[:, :2])
     gap = np.where(np.isnan(gap), MISSING, gap).max(axis=1)
-    return Plates(position, quat, normal, gap)
+    at = np.concatenate(
+        (back[:, : -tread.beside, :2], np.ones_like(back[:, : -tread.beside, :1])), 2
+    )
+    under = np.einsum("nki,ni->nk", at, plane) - above[:, : -tread.beside]
+    hangs = np.where(np.isnan(under), MISSING, under).max(axis=1)
+    return Plates(position, quat, normal, gap, hangs)
 
 
 def _rested(points: Array, heights: Array, load: Array, around: NDArray[np.int64]) -> Array:
