@@ -157,10 +157,9 @@ def settled(tread: Tread, spots: Array, yaw: Array, heights: Array, turned: Arra
     position = spots + rotate(yaw, stands[:, 0]) - rotate(quat, foot.heel)
     gap = np.abs(stands[..., 2] - above[:, :2])
     gap = np.where(np.isnan(gap), MISSING, gap).max(axis=1)
-    at = np.concatenate(
-        (back[:, : -tread.beside, :2], np.ones_like(back[:, : -tread.beside, :1])), 2
-    )
-    under = np.einsum("nki,ni->nk", at, plane) - above[:, : -tread.beside]
+    sole = back[:, : -tread.beside]
+    at = (sole[..., :2] * plane[:, None, :2]).sum(axis=2) + plane[:, 2:]
+    under = at - above[:, : -tread.beside]
     hangs = np.where(np.isnan(under), MISSING, under).max(axis=1)
     return Plates(position, quat, normal, gap, hangs)
 
