@@ -38,6 +38,7 @@ from mjmotion.footsteps.footholds import (
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
+from mjmotion.footsteps.rests import Rest, find_rests, kneeling, sitting
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.scene import Scene
@@ -60,6 +61,7 @@ class Plan:
       footholds: what it stands on, one a stance.
       root_shift: (nframe, 3) the first guess of §4.5 [m].
       obstacles: what to keep clear of.
+      rests: knees, palms and the seat where they rest.
     """
 
     source: Motion
@@ -69,16 +71,18 @@ class Plan:
     footholds: tuple[Foothold, ...]
     root_shift: Array
     obstacles: tuple[Obstacle, ...]
+    rests: tuple[Rest, ...] = ()
 
     def constraints(self) -> list[SiteConstraint]:
-        """Both feet posed at every frame."""
+        """Both feet posed at every frame, and what rests besides."""
         frames = np.arange(self.source.nframe)
-        return [
+        feet = [
             SiteConstraint(
                 path.site, frames, path.position, path.quat, contact=True, source="scene"
             )
             for path in self.paths
         ]
+        return feet + [rest.constraint() for rest in self.rests]
 
     def free_footholds(self) -> list[SharedMove]:
         """One unknown move for every stance, in the plane of its foothold (§7)."""
@@ -117,9 +121,11 @@ def make_plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = N
             " give them with a contacts file"
         )
     pose = Kinematics(source.model, source.nframe).forward(source.qpos)
-    stances = find_stances(source, pose, feet, found)
+    rests = find_rests(source, pose, found, scene.ground)
+    steps = tuple(one for one in found if not one.rests)
+    stances = find_stances(source, pose, feet, steps)
     footholds = find_footholds(stances, feet, scene.ground, float(scene.start_pos[2]))
-    return _on_ground(source, pose, found, stances, footholds, scene)
+    return _on_ground(source, pose, steps, (stances, footholds), scene, rests)
 
 
 def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid") -> Plan:
@@ -166,7 +172,7 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
     pose = Kinematics(source.model, source.nframe).forward(source.qpos)
     # With every heel again that had to give where it stood before.
     found = contacts_of(plan.stances, feet)
-    return _on_ground(source, pose, found, plan.stances, new, scene)
+    return _on_ground(source, pose, found, (plan.stances, new), scene, plan.rests)
 
 
 def _off_plane(old: Foothold, new: Foothold) -> float:
@@ -178,15 +184,18 @@ def _on_ground(
     source: Motion,
     pose: Pose,
     found: tuple[Contact, ...],
-    stances: Sequence[Stance],
-    footholds: tuple[Foothold, ...],
+    spots: tuple[Sequence[Stance], tuple[Foothold, ...]],
     scene: Scene,
+    rests: tuple[Rest, ...],
 ) -> Plan:
-    """Plan the ways from foothold to foothold, one a stance."""
+    """Plan the ways from foothold to foothold, one a stance, and what rests besides."""
     feet, ground = source.character.feet, scene.ground
+    stances, footholds = spots
 
     def planned(index: int, detour: Detour | None = None) -> FootPath:
-        return foot_path(feet[index], index, pose, stances, footholds, ground, source.fps, detour)
+        foot = feet[index]
+        path = foot_path(foot, index, pose, stances, footholds, ground, source.fps, detour)
+        return kneeling(foot, path, pose, rests, ground, source.fps)
 
     # What feet, ankles and root ask of each other, each told once, the firmest first.
     paths = tuple(planned(index) for index in range(len(feet)))
@@ -220,8 +229,12 @@ def _on_ground(
         paths, found = relaxed, trimmed
         shift = root_shift(source, pose, paths, found)
     found = trim_toe_contacts(found, feet, paths, (stances, footholds), SHORTEST * source.fps)
+    shift = sitting(shift, rests, source.fps)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
-    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles)
+    found = tuple(
+        sorted((*found, *(one.contact for one in rests)), key=lambda c: (c.start, c.site))
+    )
+    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles, rests)
 
 
 def with_ends(

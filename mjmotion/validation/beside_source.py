@@ -33,7 +33,7 @@ from mjmotion.validation.support import (
 Array = NDArray[np.float64]
 _MM = 1000.0
 _STEEP = np.cos(np.radians(3.0))  # ground whose normal is closer to upright is level
-_SOLES = ("heel", "toe")  # endings of the sites that feet stand with
+_SOLES = ("heel", "toe", "_knee", "_palm", "seat")  # endings of the sites that stand
 
 
 class Body:
@@ -43,7 +43,7 @@ class Body:
       anatomy: its parts.
       overlap: its geoms that collide.
       rest: where it is at ``qpos0``, one frame.
-      sites: ids of its heels and toes.
+      sites: ids of its heels and toes, and of knees, palms and a seat that rest.
 
     Args:
       model: holds the character.
