@@ -128,7 +128,9 @@ def held(*poses: np.ndarray, seconds: float = 1.0, moving: float = 1.0) -> Motio
             for share in np.arange(1, move) / move:
                 s = share * share * (3.0 - 2.0 * share)
                 frames.append(_between(pose, after, s))
-    return Motion(character(), np.array(frames), FPS)
+    model = character().model
+    sites = [model.site(i).name for i in range(model.nsite)]
+    return Motion(character(), np.array([dropped(pose, *sites) for pose in frames]), FPS)
 
 
 def _between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:

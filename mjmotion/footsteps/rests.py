@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 BLEND_TIME = 0.25  # over which a foot that stood begins to go along with its knee [s]
 CLEAR_TIME = 0.1  # how far on either side it is felt that a foot keeps out of the ground [s]
 SHORT_SHANK = 0.1  # least way from knee to foot that a slope is reckoned with [m]
-UP = np.array((0.0, 0.0, 1.0))
+_CLEARS = 2  # times that it is looked whether it must turn further for that
 FLAT_MOST = 1.05  # a palm is laid flat that is off it by no more [rad]
 
 
@@ -121,18 +121,20 @@ def kneeling(
     site = site_id(pose.model, foot.site)
     own, bend = continuous(from_matrix(pose.site_xmat[:, site])), foot.bend(pose)
     place, quat = pose.site_xpos[:, site] + along(mine, len(share)), own
-    # A shank lies as the ground does: from the knee the foot is as much higher as the ground is.
+    # A shank lies as the ground does, turned about its knee; and further where the foot is in that.
     knee = pose.site_xpos[:, site_id(pose.model, mine[0].contact.site)] + along(mine, len(share))
     (under, below), way = (ground.under(p)[0] for p in (place, knee)), place - knee
     rise = np.where(np.isnan(under - below), 0.0, under - below)
     far = np.maximum(np.linalg.norm(way[:, :2], axis=1), SHORT_SHANK)
     across = np.column_stack((way[:, 1], -way[:, 0], np.zeros(len(way)))) / far[:, None]
-    place = place + rise[:, None] * UP
-    quat = multiply(exp(np.arctan2(rise, far)[:, None] * across), quat)
-    points = place[:, None] + rotate(quat[:, None], foot.shape_at(bend))
-    height, _ = ground.under(points)
-    deep = np.where(np.isnan(height), 0.0, height - points[..., 2]).max(axis=1)
-    place = place + cover(deep * (share > 0.0), CLEAR_TIME * fps)[:, None] * UP
+    angle = np.arctan2(rise, far)
+    for _ in range(_CLEARS + 1):
+        tilt = exp(angle[:, None] * across)
+        place, quat = knee + rotate(tilt, way), multiply(tilt, own)
+        points = place[:, None] + rotate(quat[:, None], foot.shape_at(bend))
+        height, _ = ground.under(points)
+        deep = np.where(np.isnan(height), 0.0, height - points[..., 2]).max(axis=1)
+        angle = angle + cover(np.where(share > 0.0, np.arctan2(deep, far), 0.0), CLEAR_TIME * fps)
     turn = log(multiply(conjugate(path.quat), quat))
     return dataclasses.replace(
         path,

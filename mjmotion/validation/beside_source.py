@@ -117,7 +117,11 @@ class BesideSource:
         own = ground_support(ground, sites, place[:, sites], self._held)
         before = level_support(model, sites, source_place[:, sites], self._held)
         fps, sheet = self._motion.fps, self._sheet
-        sheet.metrics["contact_kept_percent"] = kept_share(before.place, self._held, fps)
+        above = model.body_parentid[model.site_bodyid[list(sites)]]
+        kneels = np.stack(
+            [self._held[:, model.site_bodyid[list(sites)] == b].any(axis=1) for b in above], 1
+        )
+        sheet.metrics["contact_kept_percent"] = kept_share(before.place, self._held, fps, kneels)
         flat = self._held & (own.normal[..., 2] >= _STEEP)
         flat &= level_frames(own.height, fps)[:, None]
         owner, legs = model.site_bodyid[list(sites)], self._body.anatomy.legs

@@ -146,6 +146,8 @@ def swings_of(
     soles = {int(model.site_bodyid[site]) for site in sole_sites(model, ())}
     for foot in soles.intersection(feet) or feet:
         leg = {foot, int(model.body_parentid[foot])} - {int(model.jnt_bodyid[0])}
+        if not any(int(model.site_bodyid[model.site(one.site).id]) == foot for one in contacts):
+            continue  # a foot that never stands, as of one who crawls
         down = np.zeros(motion.nframe + 2, dtype=bool)
         down[[0, -1]] = True
         for contact in contacts:
