@@ -19,6 +19,8 @@ from mjmotion.body.kinematics import Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, SceneError, frame_list
 from mjmotion.footsteps.contacts import Contact, contact_mask
+from mjmotion.footsteps.rough import RISEN, settled_near
+from mjmotion.footsteps.settling import Plates, Tread
 from mjmotion.footsteps.soles import Placed, set_down, walled
 from mjmotion.footsteps.under_toes import toes_on_ground
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
@@ -29,6 +31,7 @@ Array = NDArray[np.float64]
 ROUGH = 0.005  # how far ground may be from the sole plane before a better spot is sought [m]
 FIELD_ROUGH = 0.010  # the same on heightfields, which are nowhere quite flat [m]
 SEARCH_RADIUS = 0.34  # how far a foothold may move [m]
+NEARER = 0.05  # how much nearer a sole must settle for that to be worth it [m]
 FEET_APART = 0.02  # how far beside the other foot a foot is set down, where the source does [m]
 CROSSING = 0.06  # how much further across it may be, behind or before the other [m]
 CROWD_COST = 0.06  # way that half of that space is worth [m]
@@ -174,7 +177,9 @@ def find_footholds(
     Raises:
       SceneError: there is nothing to stand on within reach of a stance.
     """
-    return _in_turn(stances, feet, ground, lambda before: start_height if before is None else before)
+    return _in_turn(
+        stances, feet, ground, lambda before: start_height if before is None else before
+    )
 
 
 def footholds_at(
@@ -209,6 +214,7 @@ def _in_turn(
     """
     footholds: list[Foothold] = []
     before: float | None = None
+    treads = [Tread.of(foot) for foot in feet]
     last: dict[int, tuple[Stance, Foothold]] = {}
     for stance in stances:
         foot = feet[stance.foot]
@@ -228,15 +234,17 @@ def _in_turn(
             place = (
                 _search(foot, ground, spot, stance, place, rough, others) if fine is None else fine
             )
-        footholds.append(
-            Foothold(
-                place.position[0],
-                place.quat[0],
-                place.normal[0],
-                float(np.hypot(*(place.position[0, :2] - stance.source_pos[:2]))),
-                toes_on_ground(foot, ground, place.position[0], place.quat[0]),
-            )
-        )
+        tread = treads[stance.foot]
+        bend = toes_on_ground(foot, ground, place.position[0], place.quat[0])
+        rises = tread.rises(ground, place.position[0], place.quat[0], bend)
+        uneven = place.fault[0] > rough or rises > RISEN
+        far = float(np.hypot(*(place.position[0] - spot)[:2])) - NEARER
+        if uneven or far > NEARER:
+            worth = np.inf if uneven else far
+            place = _settled(tread, ground, spot, stance.source_quat, place, others, worth)
+            bend = toes_on_ground(foot, ground, place.position[0], place.quat[0])
+        moved = float(np.hypot(*(place.position[0, :2] - stance.source_pos[:2])))
+        footholds.append(Foothold(place.position[0], place.quat[0], place.normal[0], moved, bend))
         before = float(place.position[0, 2])
         last[stance.foot] = stance, footholds[-1]
     return tuple(footholds)
@@ -326,9 +334,8 @@ def _search(
     others: Sequence[Beside],
 ) -> Placed:
     """Return the nearest spot with good ground; the best there is when none is good."""
-    radius = np.repeat(np.arange(1, _RINGS + 1) * SEARCH_RADIUS / _RINGS, _RAYS)
-    angle = np.tile(np.arange(_RAYS) * 2.0 * np.pi / _RAYS, _RINGS)
-    shift = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), np.zeros(len(radius))))
+    shift = _around()
+    radius = np.linalg.norm(shift, axis=1)
     placed = set_down(foot, ground, spot + rotate(stance.source_quat, shift), stance.source_quat)
     if first.fault[0] <= rough and not walled(foot, ground, first, 0):
         radius, placed = np.concatenate(([0.0], radius)), first + placed
@@ -354,6 +361,41 @@ def _search(
         " move the scene's site 'start' or choose a larger scene",
         frames,
     )
+
+
+def _around() -> Array:
+    """Return the ways (n, 3) from a spot to where else a foot may go, over the plane [m]."""
+    radius = np.repeat(np.arange(1, _RINGS + 1) * SEARCH_RADIUS / _RINGS, _RAYS)
+    angle = np.tile(np.arange(_RAYS) * 2.0 * np.pi / _RAYS, _RINGS)
+    return np.column_stack((radius * np.cos(angle), radius * np.sin(angle), np.zeros(len(radius))))
+
+
+def _settled(
+    tread: Tread,
+    ground: Ground,
+    spot: Array,
+    yaw: Array,
+    first: Placed,
+    others: Sequence[Beside],
+    worth: float,
+) -> Placed:
+    """Return where a foot settles near a spot for less than ``worth`` [m]; else ``first``."""
+
+    def placed(plates: Plates) -> Placed:
+        crowded = np.zeros(len(plates.gap))
+        return Placed(plates.position, plates.quat, plates.normal, plates.gap, crowded)
+
+    def refused(plates: Plates) -> NDArray[np.bool_]:
+        lacks = [other.lack(placed(plates)) > 0.0 for other in others]
+        bad = np.any([np.zeros(len(plates.gap), dtype=bool), *lacks], axis=0)
+        # Walls are felt for one by one: at a place that is looked at closely.
+        if len(bad) == 1 and walled(tread.foot, ground, placed(plates), 0):
+            bad[:] = True
+        return np.asarray(bad)
+
+    shift = np.concatenate((np.zeros((1, 3)), rotate(yaw, _around())))
+    near, cost = settled_near(tread, ground, spot, yaw, shift, refused)
+    return first if near is None or cost >= worth else placed(near)
 
 
 def carried(stance: Stance, foothold: Foothold) -> Array:

@@ -148,7 +148,7 @@ def foot_path(
     wanted = wanted_clearance(foot.sole_at(bend), source_pos, source_quat, mine, nframe)
     toes = lying_flat(foot, holds.bend(quat), holds.toe, bend, fps)
     bend = toes if foot.toes is None else foot.toes.settled(toes)
-    step_over = StepOver(foot.shape_at(bend), quat, wanted, holds.any, ground, fps)
+    step_over = StepOver(foot.under_at(bend), quat, wanted, holds.any, ground, fps)
     position, lift = step_over(position, mine)
     toes = kept_up(foot, position, quat, toes, holds.toe, ground, fps)
     room = room_under_ball(foot, position, quat, holds.any, ground)

@@ -40,6 +40,7 @@ from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
 from mjmotion.footsteps.pace import Pace, find_pace
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
+from mjmotion.footsteps.rests import Rest, find_rests, kneeling, sitting
 from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.footsteps.steps import bend_along, choose_footholds, loose_ends
 from mjmotion.ik import IKSolver
@@ -73,6 +74,7 @@ class Plan:
       original: the clip in its own time, of other frames, where steps take another; else None.
       loose: (nframe, 3) of each foot, where steps were moved: how much further it goes before its
         first stance and after its last [m].
+      rests: knees, palms and the seat where they rest.
     """
 
     source: Motion
@@ -88,16 +90,18 @@ class Plan:
     route: Route | None = None
     original: Motion | None = None
     loose: tuple[Array, ...] = ()
+    rests: tuple[Rest, ...] = ()
 
     def constraints(self) -> list[SiteConstraint]:
-        """Both feet posed at every frame."""
+        """Both feet posed at every frame, and what rests besides."""
         frames = np.arange(self.source.nframe)
-        return [
+        feet = [
             SiteConstraint(
                 path.site, frames, path.position, path.quat, contact=True, source="scene"
             )
             for path in self.paths
         ]
+        return feet + [rest.constraint() for rest in self.rests]
 
     def free_footholds(self) -> list[SharedMove]:
         """One unknown move for every stance, in the plane of its foothold (§7)."""
@@ -151,13 +155,14 @@ def make_plan(
     route = _routed(recorded, scene, settings)
     bent = route is not None and route.bent
     source = route.bend.apply(recorded) if route is not None and bent else recorded
-    stances = _stances(recorded, found)
-    spots = _stances(source, found) if bent else stances
+    steps = tuple(one for one in found if not one.rests)
+    stances = _stances(recorded, steps)
+    spots = _stances(source, steps) if bent else stances
     ground = scene.ground_without(settings.avoid)
     footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
     if turns is None:
-        plan = _on_ground((source, recorded), found, stances, footholds, scene)
-        return dataclasses.replace(plan, route=route)
+        walk = _Walk(source, recorded, found, stances, footholds)
+        return dataclasses.replace(_on_ground(walk, scene), route=route)
     pace = find_pace(spots, footholds, clip.nframe, clip.fps)
     if settings.pace == "keep":
         pace = Pace.none(clip.nframe)
@@ -166,7 +171,7 @@ def make_plan(
     found, stances, spots = pace.contacts(found), pace.stances(stances), pace.stances(spots)
     loose = loose_ends(spots, footholds, source.nframe)
     source = bend_along(source, spots, footholds, (turns, loose)).apply(source)
-    plan = _on_ground((source, recorded), found, stances, footholds, scene, loose)
+    plan = _on_ground(_Walk(source, recorded, found, stances, footholds, loose), scene)
     return dataclasses.replace(plan, route=route, original=original)
 
 
@@ -225,8 +230,16 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
         share[off] *= 0.5 if halving < _HALVINGS - 1 else 0.0
     # With every heel again that had to give where it stood before.
     found = contacts_of(plan.stances, feet)
-    clips = plan.source, plan.recorded or plan.source
-    planned = _on_ground(clips, found, plan.stances, new, scene, plan.loose)
+    resting = tuple(one.contact for one in plan.rests)
+    walk = _Walk(
+        plan.source,
+        plan.recorded or plan.source,
+        (*found, *resting),
+        plan.stances,
+        new,
+        plan.loose,
+    )
+    planned = _on_ground(walk, scene)
     return dataclasses.replace(planned, route=plan.route, original=plan.original)
 
 
@@ -235,38 +248,45 @@ def _off_plane(old: Foothold, new: Foothold) -> float:
     return float(abs((new.position - old.position) @ old.normal))
 
 
-def _on_ground(
-    clips: tuple[Motion, Motion],
-    found: tuple[Contact, ...],
-    stances: Sequence[Stance],
-    footholds: tuple[Foothold, ...],
-    scene: Scene,
-    loose: tuple[Array, ...] = (),
-) -> Plan:
-    """Plan the ways from foothold to foothold, one a stance.
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Walk:
+    """A walk before its ways from foothold to foothold are planned.
 
-    Args:
-      clips: the clip where its root is to go, and as recorded, where its feet are still.
-      found: who stands when.
+    Attributes:
+      source: the clip where its root is to go.
+      recorded: the clip as recorded, where its feet are still.
+      contacts: who stands when, and what rests.
       stances: where the recorded feet stand.
       footholds: where they are to stand.
-      scene: the scene.
       loose: how much further each foot goes before its first and after its last stance.
     """
-    (source, recorded), ground = clips, scene.ground
-    feet = source.character.feet
-    pose, own = (
-        Kinematics(clip.model, clip.nframe).forward(clip.qpos) for clip in (source, recorded)
-    )
 
+    source: Motion
+    recorded: Motion
+    contacts: tuple[Contact, ...]
+    stances: Sequence[Stance]
+    footholds: tuple[Foothold, ...]
+    loose: tuple[Array, ...] = ()
+
+
+def _on_ground(walk: _Walk, scene: Scene) -> Plan:
+    """Plan the ways from foothold to foothold, one a stance, and what rests besides."""
+    source, recorded, ground = walk.source, walk.recorded, scene.ground
+    stances, footholds, feet = walk.stances, walk.footholds, source.character.feet
+    pose = own = Kinematics(source.model, source.nframe).forward(source.qpos)
+    if recorded is not source:
+        own = Kinematics(recorded.model, recorded.nframe).forward(recorded.qpos)
+    rests = find_rests(source, pose, walk.contacts, ground)
+    found = tuple(one for one in walk.contacts if not one.rests)
 
     def planned(index: int, detour: Detour | None = None) -> FootPath:
-        more = loose[index] if loose else None
+        foot, more = feet[index], walk.loose[index] if walk.loose else None
         if more is not None and more.any():
             none = np.zeros(source.nframe)
             detour = Detour(more, none) if detour is None else detour.and_aside(more)
-        path = foot_path(feet[index], index, own, stances, footholds, ground, source.fps, detour)
-        return path if source is recorded else _against(path, pose, own, more)
+        path = foot_path(foot, index, own, stances, footholds, ground, source.fps, detour)
+        path = path if source is recorded else _against(path, pose, own, more)
+        return kneeling(foot, path, pose, rests, ground, source.fps)
 
     # What feet, ankles and root ask of each other, each told once, the firmest first.
     paths = tuple(planned(index) for index in range(len(feet)))
@@ -300,14 +320,18 @@ def _on_ground(
         paths, found = above_ground(feet, relaxed, paths, trimmed, ground, source.fps), trimmed
         shift, back = root_shift(source, pose, paths, found)
     found = trim_toe_contacts(found, feet, paths, (stances, footholds), SHORTEST * source.fps)
+    shift = sitting(shift, rests, source.fps)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
-    other = None if source is recorded else recorded
+    found = tuple(
+        sorted((*found, *(one.contact for one in rests)), key=lambda c: (c.start, c.site))
+    )
     return Plan(
         *(source, found, paths, tuple(stances), footholds, shift, obstacles),
         ground=ground,
         back=back,
-        recorded=other,
-        loose=loose,
+        recorded=None if source is recorded else recorded,
+        loose=walk.loose,
+        rests=rests,
     )
 
 

@@ -12,7 +12,7 @@ from mjmotion.scene.ground import Ground
 Array = NDArray[np.float64]
 
 TOES_UP, TOES_DOWN = 0.3, 0.15  # how far toes follow ground ahead of the ball [rad]
-TOE_SHARES = (0.4, 0.7, 1.0)  # of the way from the ball to the toes' outline that are looked at
+TOE_SHARES = np.arange(1, 11) / 10.0  # of the way from the ball to the toes' outline: looked at
 TOE_LEVER = 0.03  # least lever that this is reckoned with [m]
 EDGE = 0.06  # ground this far below toes is beyond an edge [m]
 LEVEL = 1e-3  # a slope that is none [rad]

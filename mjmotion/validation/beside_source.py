@@ -33,7 +33,7 @@ from mjmotion.validation.support import (
 Array = NDArray[np.float64]
 _MM = 1000.0
 _STEEP = np.cos(np.radians(3.0))  # ground whose normal is closer to upright is level
-_SOLES = ("heel", "toe")  # endings of the sites that feet stand with
+_SOLES = ("heel", "toe", "_knee", "_palm", "seat")  # endings of the sites that stand
 
 
 class Body:
@@ -43,7 +43,7 @@ class Body:
       anatomy: its parts.
       overlap: its geoms that collide.
       rest: where it is at ``qpos0``, one frame.
-      sites: ids of its heels and toes.
+      sites: ids of its heels and toes, and of knees, palms and a seat that rest.
 
     Args:
       model: holds the character.
@@ -125,7 +125,11 @@ class BesideSource:
         own = ground_support(ground, sites, place[:, sites], self._held)
         before = level_support(model, sites, source_place[:, sites], self._held)
         fps, sheet = self._motion.fps, self._sheet
-        sheet.metrics["contact_kept_percent"] = kept_share(before.place, self._held, fps)
+        above = model.body_parentid[model.site_bodyid[list(sites)]]
+        kneels = np.stack(
+            [self._held[:, model.site_bodyid[list(sites)] == b].any(axis=1) for b in above], 1
+        )
+        sheet.metrics["contact_kept_percent"] = kept_share(before.place, self._held, fps, kneels)
         flat = self._held & (own.normal[..., 2] >= _STEEP)
         flat &= level_frames(own.height, fps)[:, None]
         owner, legs = model.site_bodyid[list(sites)], self._body.anatomy.legs
