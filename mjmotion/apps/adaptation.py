@@ -24,6 +24,7 @@ from mjmotion.apps.clearing import (
     with_arms_swung,
     with_knees_apart,
 )
+from mjmotion.apps.steadying import steadied
 from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics, site_id, site_positions
 from mjmotion.body.motion import Motion
@@ -164,6 +165,7 @@ def fit_plan(
     if plan.obstacles:
         clearance = ObstacleClearance(character, plan.obstacles, nframe)
         result = past_obstacles(result, asked_for, clearance, solver, settings)
+    result = steadied(plan, result, asked_for, solver, clearance)
     plan, result = _with_relaxed_ankles(plan, result, near, solver, clearance)
     result = with_knees_apart(plan, result, near, clearance)
     result = with_arms_swung(plan, result, near, clearance, composed)
@@ -180,6 +182,7 @@ def fit_plan(
         plan.contacts,
         result.trace,
         find_unmet(result.motion, targets, wanted),
+        recording=None if plan.original is None else plan.original.on(composed),
     )
 
 

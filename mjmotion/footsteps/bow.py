@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.kinematics import Kinematics, Pose, level_side
+from mjmotion.body.mass import centre_of_mass
 from mjmotion.body.motion import Motion
 from mjmotion.body.parts import Parts
 from mjmotion.exceptions import ModelError
@@ -96,14 +97,14 @@ class _Bowing:
         side = level_side(pose)
         self._forward = cross(side, np.array((0.0, 0.0, 1.0)))
         self._unit = _unit(motion, parts, pose, side)
-        self._com = _centre_of_mass(pose)
+        self._com = centre_of_mass(pose)
 
     def posed(self, bent: Array, sunk: Array, rows: NDArray[np.int64] | None = None) -> Array:
         """Return poses (n, nq) bowed by (n,) [rad] and sunk by (n,) [m]; of all frames, or some."""
         rows = np.arange(self._motion.nframe) if rows is None else rows
         model = self._motion.model
         qpos = oplus(model, self._motion.qpos[rows], bent[:, None] * self._unit[rows])
-        moved = _centre_of_mass(self._kinematics.forward(qpos, rows)) - self._com[rows]
+        moved = centre_of_mass(self._kinematics.forward(qpos, rows)) - self._com[rows]
         ahead = (moved * self._forward[rows]).sum(axis=1, keepdims=True)
         qpos[:, :3] -= OVER_FEET * ahead * self._forward[rows]
         qpos[:, 2] -= sunk
@@ -126,13 +127,6 @@ class _Bowing:
                 break
         rest[rest < _SLACK] = 0.0
         return most, rest
-
-
-def _centre_of_mass(pose: Pose) -> Array:
-    """Return the centre of mass (n, 3) [m]."""
-    mass = pose.model.body_mass
-    place = pose.xpos + rotate(pose.xquat, pose.model.body_ipos)
-    return np.asarray((mass[:, None] * place).sum(axis=1) / mass.sum())
 
 
 def _unit(motion: Motion, parts: Parts, pose: Pose, side: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.feet import Foot
-from mjmotion.body.kinematics import Kinematics, Pose
+from mjmotion.body.kinematics import Kinematics, Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
 from mjmotion.constraints.shared_targets import SharedMove
@@ -36,9 +36,11 @@ from mjmotion.footsteps.footholds import (
     find_stances,
 )
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
+from mjmotion.footsteps.pace import Pace, find_pace
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
 from mjmotion.footsteps.settings import PlanSettings
+from mjmotion.footsteps.steps import bend_along, choose_footholds, loose_ends
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.route.way import Route, find_route
@@ -64,6 +66,9 @@ class Plan:
       obstacles: what to keep clear of.
       recorded: the clip on its own way, where that is another; else None.
       route: where the walk goes, and why; None where that was not looked for.
+      original: the clip in its own time, of other frames, where steps take another; else None.
+      loose: (nframe, 3) of each foot, where steps were moved: how much further it goes before its
+        first stance and after its last [m].
     """
 
     source: Motion
@@ -75,6 +80,8 @@ class Plan:
     obstacles: tuple[Obstacle, ...]
     recorded: Motion | None = None
     route: Route | None = None
+    original: Motion | None = None
+    loose: tuple[Array, ...] = ()
 
     def constraints(self) -> list[SiteConstraint]:
         """Both feet posed at every frame."""
@@ -138,11 +145,29 @@ def make_plan(
     route = _routed(recorded, scene, settings)
     bent = route is not None and route.bent
     source = route.bend.apply(recorded) if route is not None and bent else recorded
-    pose = Kinematics(source.model, source.nframe).forward(source.qpos)
-    stances = find_stances(source, pose, feet, found)
-    footholds = find_footholds(stances, feet, scene.ground, float(scene.start_pos[2]))
-    plan = _on_ground(source, pose, found, stances, footholds, scene)
-    return dataclasses.replace(plan, recorded=recorded if bent else None, route=route)
+    stances = _stances(recorded, found)
+    spots = _stances(source, found) if bent else stances
+    ground = scene.ground_without(settings.avoid)
+    footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
+    if turns is None:
+        plan = _on_ground((source, recorded), found, stances, footholds, scene)
+        return dataclasses.replace(plan, route=route)
+    pace = find_pace(spots, footholds, clip.nframe, clip.fps)
+    if settings.pace == "keep":
+        pace = Pace.none(clip.nframe)
+    original = None if pace.same else recorded
+    source, recorded = pace.apply(source), pace.apply(recorded)
+    found, stances, spots = pace.contacts(found), pace.stances(stances), pace.stances(spots)
+    loose = loose_ends(spots, footholds, source.nframe)
+    source = bend_along(source, spots, footholds, (turns, loose)).apply(source)
+    plan = _on_ground((source, recorded), found, stances, footholds, scene, loose)
+    return dataclasses.replace(plan, route=route, original=original)
+
+
+def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
+    """Return the stances of a clip where it is."""
+    pose = Kinematics(clip.model, clip.nframe).forward(clip.qpos)
+    return find_stances(clip, pose, clip.character.feet, contacts)
 
 
 def _routed(clip: Motion, scene: Scene, settings: PlanSettings) -> Route | None:
@@ -192,12 +217,11 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
         if not off.any():
             break
         share[off] *= 0.5 if halving < _HALVINGS - 1 else 0.0
-    source = plan.source
-    pose = Kinematics(source.model, source.nframe).forward(source.qpos)
     # With every heel again that had to give where it stood before.
     found = contacts_of(plan.stances, feet)
-    new_plan = _on_ground(source, pose, found, plan.stances, new, scene)
-    return dataclasses.replace(new_plan, recorded=plan.recorded, route=plan.route)
+    clips = plan.source, plan.recorded or plan.source
+    planned = _on_ground(clips, found, plan.stances, new, scene, plan.loose)
+    return dataclasses.replace(planned, route=plan.route, original=plan.original)
 
 
 def _off_plane(old: Foothold, new: Foothold) -> float:
@@ -206,18 +230,37 @@ def _off_plane(old: Foothold, new: Foothold) -> float:
 
 
 def _on_ground(
-    source: Motion,
-    pose: Pose,
+    clips: tuple[Motion, Motion],
     found: tuple[Contact, ...],
     stances: Sequence[Stance],
     footholds: tuple[Foothold, ...],
     scene: Scene,
+    loose: tuple[Array, ...] = (),
 ) -> Plan:
-    """Plan the ways from foothold to foothold, one a stance."""
-    feet, ground = source.character.feet, scene.ground
+    """Plan the ways from foothold to foothold, one a stance.
+
+    Args:
+      clips: the clip where its root is to go, and as recorded, where its feet are still.
+      found: who stands when.
+      stances: where the recorded feet stand.
+      footholds: where they are to stand.
+      scene: the scene.
+      loose: how much further each foot goes before its first and after its last stance.
+    """
+    (source, recorded), ground = clips, scene.ground
+    feet = source.character.feet
+    pose, own = (
+        Kinematics(clip.model, clip.nframe).forward(clip.qpos) for clip in (source, recorded)
+    )
+
 
     def planned(index: int, detour: Detour | None = None) -> FootPath:
-        return foot_path(feet[index], index, pose, stances, footholds, ground, source.fps, detour)
+        more = loose[index] if loose else None
+        if more is not None and more.any():
+            none = np.zeros(source.nframe)
+            detour = Detour(more, none) if detour is None else detour.and_aside(more)
+        path = foot_path(feet[index], index, own, stances, footholds, ground, source.fps, detour)
+        return path if source is recorded else _against(path, pose, own, more)
 
     # What feet, ankles and root ask of each other, each told once, the firmest first.
     paths = tuple(planned(index) for index in range(len(feet)))
@@ -252,7 +295,18 @@ def _on_ground(
         shift = root_shift(source, pose, paths, found)
     found = trim_toe_contacts(found, feet, paths, (stances, footholds), SHORTEST * source.fps)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
-    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles)
+    other = None if source is recorded else recorded
+    return Plan(
+        *(source, found, paths, tuple(stances), footholds, shift, obstacles, other),
+        loose=loose,
+    )
+
+
+def _against(path: FootPath, pose: Pose, own: Pose, loose: Array | None) -> FootPath:
+    """Return a path whose shift is against a clip that goes another way than the recorded one."""
+    site = site_id(pose.model, path.site)
+    shift = path.shift + own.site_xpos[:, site] - pose.site_xpos[:, site]
+    return dataclasses.replace(path, shift=shift if loose is None else shift + loose)
 
 
 def with_ends(

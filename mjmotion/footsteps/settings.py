@@ -16,6 +16,9 @@ from mjmotion.exceptions import FitError, unknown_name
 PATHS = ("bend", "keep")
 """The walk goes round what is in its way, or keeps its own."""
 
+PACES = ("steps", "keep")
+"""Steps take the time that their height and length ask for, or that of the clip."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PlanSettings:
@@ -24,6 +27,8 @@ class PlanSettings:
     Attributes:
       path: ``"bend"``: round what is in the way, and back; ``"keep"``: the clip's own; or (n, 2)
         points of the way that it is to take [m].
+      pace: ``"steps"``: a step takes longer that climbs, and less that is short; ``"keep"``: each as
+        long as in the clip.
       avoid: names of geoms that are not stood on, however low.
       climb: whether it steps on or over what is higher than a step and has a top; else it goes
         round that.
@@ -31,6 +36,7 @@ class PlanSettings:
     """
 
     path: str | NDArray[np.float64] = "bend"
+    pace: str = "steps"
     avoid: tuple[str, ...] = ()
     climb: bool = False
     strict: bool = False
@@ -39,7 +45,9 @@ class PlanSettings:
         """Check them.
 
         Raises:
-          FitError: an unknown path.
+          FitError: an unknown path or pace.
         """
+        if self.pace not in PACES:
+            raise FitError(unknown_name("pace", self.pace, PACES))
         if isinstance(self.path, str) and self.path not in PATHS:
             raise FitError(unknown_name("path", self.path, PATHS))

@@ -6,6 +6,7 @@
 | file | what it holds |
 |---|---|
 | motion.npz, source.npz | the motion, and what it came from at the scene's start |
+| recording.npz | the clip as recorded, where the motion has another pace and so other frames |
 | model.xml and assets | character and scene in one MJCF |
 | contacts.json | who stood where and when |
 | body.npz | of a morph: the character's size in every frame |
@@ -26,9 +27,10 @@ from mjmotion.boundary.whole import locked, name_aside, put_in_place, tidy, writ
 from mjmotion.exceptions import OutputError
 
 MOTION, SOURCE, MODEL, CONTACTS = "motion.npz", "source.npz", "model.xml", "contacts.json"
+RECORDING = "recording.npz"
 BODY, REPORT, PAGE, VIDEO = "body.npz", "report.json", "report.html", "video.mp4"
 FILES = (
-    *(MOTION, SOURCE, MODEL, CONTACTS, BODY, REPORT, PAGE, VIDEO),
+    *(MOTION, SOURCE, RECORDING, MODEL, CONTACTS, BODY, REPORT, PAGE, VIDEO),
     *("original.npz", "original.xml", "constraints.json"),  # of a rope climb
 )
 """Every file of a result but the assets of its models."""

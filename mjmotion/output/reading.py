@@ -22,7 +22,7 @@ from mjmotion.clips import builtin_contacts, load_clip
 from mjmotion.constraints.unmet import Unmet
 from mjmotion.exceptions import MotionError, mujoco_message
 from mjmotion.footsteps.contacts import Contact, load_contacts
-from mjmotion.output.folder import BODY, CONTACTS, MODEL, MOTION, REPORT, SOURCE
+from mjmotion.output.folder import BODY, CONTACTS, MODEL, MOTION, RECORDING, REPORT, SOURCE
 from mjmotion.output.result import Result
 
 _NEEDED = (MOTION, SOURCE, MODEL, CONTACTS)
@@ -55,6 +55,8 @@ def read_results(folder: str | Path) -> Result:
     motion = Motion.load(folder / MOTION, character)
     source = Motion.load(folder / SOURCE, character)
     body = MorphBody.load(folder / BODY, model) if (folder / BODY).is_file() else None
+    own = folder / RECORDING
+    recording = Motion.load(own, character) if own.is_file() else None
     for name, other in ((SOURCE, source), (BODY, body)):
         if other is not None and other.nframe != motion.nframe:
             raise MotionError(
@@ -72,6 +74,7 @@ def read_results(folder: str | Path) -> Result:
         title=str(report.get("title") or folder.resolve().name),
         saved_report=report,
         notes=tuple(report.get("notes", ())),
+        recording=recording,
     )
 
 

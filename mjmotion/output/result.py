@@ -27,6 +27,7 @@ from mjmotion.output.folder import (
     CONTACTS,
     MODEL,
     MOTION,
+    RECORDING,
     SOURCE,
     VIDEO,
     check_file,
@@ -48,7 +49,8 @@ class Result:
     """A motion that was adapted, retargeted, morphed, joined or edited.
 
     Attributes:
-      source: the motion before, on the composed model, placed at the scene's start.
+      source: the motion before, on the composed model, placed at the scene's start, at the pace of
+        the motion.
       motion: the motion after, the same frames.
       contacts: who stands when.
       trace: what the fit did; None of a result that was read from its folder.
@@ -57,6 +59,7 @@ class Result:
       title: what the result is called in its report.
       saved_report: what ``report.json`` says, of a result that was read and has one; else empty.
       notes: what else there is to say, a line each.
+      recording: the source in its own time, of other frames, where the motion's is another.
     """
 
     source: Motion
@@ -68,6 +71,7 @@ class Result:
     title: str = "Adapted motion"
     notes: tuple[str, ...] = ()
     saved_report: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    recording: Motion | None = None
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -86,7 +90,10 @@ class Result:
         from mjmotion.validation import validate
 
         return validate(
-            self.source, self.motion, self.contacts, thresholds=thresholds, body=self.body
+            *(self.source, self.motion, self.contacts),
+            thresholds=thresholds,
+            body=self.body,
+            recording=self.recording,
         )
 
     def report(
@@ -298,6 +305,8 @@ def write_motions(folder: str | Path, result: Result) -> None:
         save_contacts(folder / CONTACTS, result.contacts)
         if result.body is not None:
             result.body.save(folder / BODY)
+        if result.recording is not None:
+            result.recording.save(folder / RECORDING)
     except OSError as error:
         raise OutputError(f"cannot write into '{folder}': {error.strerror or error}") from error
     spec = result.motion.character.spec.copy()

@@ -70,6 +70,7 @@ class BesideSource:
       source, motion: the two, of as many frames.
       contacts: who stands when.
       changing: the character's size in every frame of the motion, where that changes.
+      recording: the source in its own time, where that is another.
     """
 
     def __init__(
@@ -81,13 +82,20 @@ class BesideSource:
         contacts: Sequence[Contact],
         *,
         changing: ChangingBody | None = None,
+        recording: Motion | None = None,
     ) -> None:
+        self._recording = recording
         self._sheet, self._body, self._model = sheet, body, body.model
         self._source, self._motion, self._contacts = source, motion, contacts
         self._changes = changing is not None
         self._held = standing_frames(self._model, body.sites, contacts, motion.nframe)
         self._own = body_states(self._model, motion.qpos, changing)
         self._before = body_states(self._model, source.qpos)
+
+    @property
+    def sites(self) -> tuple[int, ...]:
+        """Ids of heels and toes."""
+        return self._body.sites
 
     def posture(self) -> None:
         """How far trunk and head lean back."""
@@ -147,7 +155,10 @@ class BesideSource:
     def centre_of_mass(self) -> None:
         """How hard the centre of mass is pushed about."""
         fps = self._motion.fps
-        own, before = (acceleration_rms(one.com, fps) for one in (self._own, self._before))
+        level = self._before
+        if self._recording is not None:
+            level = body_states(self._model, self._recording.qpos)
+        own, before = (acceleration_rms(one.com, fps) for one in (self._own, level))
         if not np.isnan(own + before):
             where = f"{own:.2f} m/s² of {before:.2f}"
             self._sheet.note("com_acceleration_ratio", ratio(own, before), None, where)
