@@ -150,8 +150,9 @@ def make_plan(
     ground = scene.ground_without(settings.avoid)
     footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
     if turns is None:
-        plan = _on_ground((source, recorded), found, stances, footholds, scene)
-        return dataclasses.replace(plan, route=route)
+        # A foot that is in the air at an end of the clip goes where the bent clip's goes.
+        plan = _on_ground((source, source), found, spots, footholds, scene)
+        return dataclasses.replace(plan, route=route, recorded=recorded if bent else None)
     pace = find_pace(spots, footholds, clip.nframe, clip.fps)
     if settings.pace == "keep":
         pace = Pace.none(clip.nframe)
@@ -252,7 +253,6 @@ def _on_ground(
     pose, own = (
         Kinematics(clip.model, clip.nframe).forward(clip.qpos) for clip in (source, recorded)
     )
-
 
     def planned(index: int, detour: Detour | None = None) -> FootPath:
         more = loose[index] if loose else None
