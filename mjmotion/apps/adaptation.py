@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from mjmotion.apps.clearing import (
     FitSettings,
-    check_passage,
     past_obstacles,
+    what_bars,
     with_arms_clear,
     with_arms_swung,
     with_knees_apart,
@@ -96,7 +96,7 @@ def adapt(  # more than eight parameters: all but the first two have a default
       progress: called with stage, done, of.
 
     Raises:
-      SceneError: no ground under the walk, or a doorway that cannot be passed.
+      SceneError: no ground under the walk, or, where planning is strict, no way through.
       ClipError, ContactError, ConstraintError, ModelError, FitError: bad input, an unknown heading.
     """
     if heading not in HEADINGS:
@@ -109,7 +109,8 @@ def adapt(  # more than eight parameters: all but the first two have a default
     plan = make_plan(motion, scene, contacts, planning)
     if free_footholds:
         plan = with_free_footholds(plan, scene, ik)
-    settings = FitSettings(levels, tolerance, ik, progress)
+    strict = planning is not None and planning.strict
+    settings = FitSettings(levels, tolerance, ik, progress, strict)
     result = fit_plan(plan, composed, constraints, settings)
     path = plan.source.qpos[:, :3] + plan.root_shift
     met = not never_met(path, plan.footholds, scene.model)
@@ -143,7 +144,7 @@ def fit_plan(
       rigidity: (nv,) α of Eq. 4; that of :func:`stiff_root` without.
 
     Raises:
-      SceneError: a doorway that cannot be passed.
+      SceneError: there is no way through, and the settings are strict.
       ConstraintError, ModelError, FitError: bad input.
     """
     settings = FitSettings() if settings is None else settings
@@ -172,8 +173,9 @@ def fit_plan(
     result = with_knees_apart(plan, result, near, clearance)
     result = with_arms_swung(plan, result, near, clearance, composed)
     result = with_arms_clear(plan, result, near, clearance, composed, settings, solver)
-    if clearance is not None:
-        check_passage(clearance, result)
+    barred = what_bars(clearance, result, plan, composed.model)
+    if barred is not None and settings.strict:
+        raise barred.error()
     # Against what was asked for, not what was brought within reach; free targets where they went.
     wanted = [*plan.constraints(), *with_moves(asked, result.moves)]
     targets = lay_out(wanted, character.model, nframe)
@@ -184,6 +186,7 @@ def fit_plan(
         plan.contacts,
         result.trace,
         find_unmet(result.motion, targets, wanted),
+        barred="" if barred is None else str(barred),
         recording=None if plan.original is None else plan.original.on(composed),
     )
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics, body_dofs
@@ -30,6 +31,10 @@ from mjmotion.footsteps.surfaces import SurfaceClearance, find_surfaces
 from mjmotion.ik import IKSolver
 from mjmotion.ik.solver import Clearance, default_rigidity
 from mjmotion.numerics.progress import Progress, no_progress
+from mjmotion.route.barriers import barrier, no_ground
+from mjmotion.route.free_space import NO_GROUND
+
+Array = NDArray[np.float64]
 
 DUCK_MARGIN = 0.05  # distance kept while the way through is found, more than in the end [m]
 DUCK_ROUNDS = 6  # at most, with the finest of the knots that serve to find the way
@@ -46,12 +51,14 @@ class FitSettings:
       tolerance: refinement stops once no constraint is off by more [m].
       ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
       progress: called with stage, done, of.
+      strict: whether a way that is barred is an error.
     """
 
     levels: Sequence[float] | None = None
     tolerance: float = TOLERANCE
     ik: str | IKSolver = "hybrid"
     progress: Progress = no_progress
+    strict: bool = False
 
 
 def past_obstacles(
@@ -101,17 +108,62 @@ def _duck(
     return pushed_clear(bowed, constraints, wider, coarse + DUCK_ROUNDS * coarse[-1:], rounds=1)
 
 
-def check_passage(clearance: ObstacleClearance, result: Fit) -> None:
-    """Raise an error where a body is still well inside an obstacle."""
-    depth, frame, names = clearance.inside(result.motion.qpos)
-    if (depth > STUCK).any():
-        frames = np.unique(frame[depth > STUCK])
-        raise SceneError(
-            f"'{names[int(np.argmax(depth))]}' bars the way: a body is {100 * depth.max():.0f} cm"
-            f" inside it after all at frames {frame_list(frames.tolist())}: a doorway is too low or"
-            " too narrow, or stands off the walk's path; widen or move it",
-            frames.tolist(),
+def what_bars(
+    clearance: ObstacleClearance | None, result: Fit, plan: Plan, model: mujoco.MjModel
+) -> Barred | None:
+    """Return what a body is still well inside of, or where it has no ground; None if it passes.
+
+    Args:
+      clearance: from what it keeps clear.
+      result: the fitted motion.
+      plan: what was asked of it.
+      model: of the scene.
+    """
+    if clearance is not None:
+        depth, frame, names = clearance.inside(result.motion.qpos)
+        if (depth > STUCK).any():
+            worst = int(np.argmax(depth))
+            frames = np.unique(frame[depth > STUCK])
+            root = result.motion.qpos[frame[worst], :3]
+            feet = [foothold.position for foothold in plan.footholds] or [root * (1.0, 1.0, 0.0)]
+            floor = min(feet, key=lambda foot: float(np.hypot(*(foot - root)[:2])))[2]
+            geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, names[worst])
+            known = names[worst] if geom < 0 else barrier(model, geom, float(floor))
+            return Barred(known, root[:2], float(depth.max()), tuple(frames.tolist()))
+    route = plan.route
+    if route is not None and route.bars == NO_GROUND and route.lack > STUCK:
+        return Barred(no_ground(route.space, route.place), route.place, route.lack)
+    return None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Barred:
+    """What bars a way.
+
+    Attributes:
+      what: it is, and its name.
+      place: (2,) where the walk is then [m].
+      short: by how much there is too little room [m].
+      frames: when a body is in it.
+    """
+
+    what: str
+    place: Array
+    short: float
+    frames: tuple[int, ...] = ()
+
+    def __str__(self) -> str:
+        """Return it as a line."""
+        x, y = self.place
+        when = f", at frames {frame_list(self.frames)}" if self.frames else ""
+        return (
+            f"there is no way: {self.what} bars it at x={x:.2f}, y={y:.2f},"
+            f" by {100 * self.short:.0f} cm{when}"
         )
+
+    def error(self) -> SceneError:
+        """Return it as an error."""
+        return SceneError(f"{self}: widen or move it, or go another way (--path)", self.frames)
 
 
 def with_knees_apart(

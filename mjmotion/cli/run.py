@@ -88,7 +88,8 @@ def tell(
     """Say what came of it: levels, figures, what is not met, and where the files are.
 
     Returns:
-      The exit code: 1 where a threshold is broken or a constraint of the user's own is not met.
+      The exit code: 1 where a threshold is broken, a way barred, or a constraint of the user's own
+      not met.
     """
     motion = result.motion
     say(f"{title}: {motion.nframe} frames at {motion.fps:g} fps", "")
@@ -99,8 +100,11 @@ def tell(
         # What the scene asked has its own figures and thresholds; it is told, and no more.
         mine = one.source == "user"
         warn(f"your constraint is not met: {one}" if mine else f"note: not met: {one}")
+    if result.barred:
+        warn(result.barred)
     for note in result.notes:
         warn(f"note: {note}")
     broken = tell_broken(validation)
     say(*path_lines(args.out))
-    return 1 if broken or any(one.source == "user" for one in result.unmet) else 0
+    unmet = result.barred or any(one.source == "user" for one in result.unmet)
+    return 1 if broken or unmet else 0

@@ -36,6 +36,7 @@ from mjmotion.footsteps.footholds import (
     find_footholds,
     find_stances,
 )
+from mjmotion.footsteps.given import as_given, cut_to_way, given_way
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
 from mjmotion.footsteps.pace import Pace, find_pace
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
@@ -146,6 +147,14 @@ def make_plan(
         if contacts is None
         else check_contacts(contacts, clip.model, clip.nframe)
     )
+    whole, way = recorded, given_way(scene, settings)
+    if way is not None:
+        recorded = cut_to_way(recorded, way)
+        found = tuple(
+            dataclasses.replace(one, end=min(one.end, recorded.nframe))
+            for one in found
+            if one.start < recorded.nframe
+        )
     if not found:
         raise ContactError(
             "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
@@ -160,13 +169,18 @@ def make_plan(
     spots = _stances(source, steps) if bent else stances
     ground = scene.ground_without(settings.avoid)
     footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
+    if settings.footholds is not None:
+        footholds, turns = as_given(settings.footholds, spots, (footholds, turns), feet, ground)
     if turns is None:
-        walk = _Walk(source, recorded, found, stances, footholds)
-        return dataclasses.replace(_on_ground(walk, scene), route=route)
-    pace = find_pace(spots, footholds, clip.nframe, clip.fps)
+        # A foot that is in the air at an end of the clip goes where the bent clip's goes.
+        plan = _on_ground(_Walk(source, source, found, spots, footholds), scene)
+        original = None if whole is recorded else whole
+        other = recorded if bent else None
+        return dataclasses.replace(plan, route=route, recorded=other, original=original)
+    pace = find_pace(spots, footholds, source.nframe, clip.fps)
     if settings.pace == "keep":
-        pace = Pace.none(clip.nframe)
-    original = None if pace.same else recorded
+        pace = Pace.none(source.nframe)
+    original = None if pace.same and whole is recorded else whole
     source, recorded = pace.apply(source), pace.apply(recorded)
     found, stances, spots = pace.contacts(found), pace.stances(stances), pace.stances(spots)
     loose = loose_ends(spots, footholds, source.nframe)
@@ -185,7 +199,8 @@ def _routed(clip: Motion, scene: Scene, settings: PlanSettings) -> Route | None:
     """Return where a clip goes; None where it keeps its own way."""
     if isinstance(settings.path, str) and settings.path == "keep":
         return None
-    return find_route(clip, scene, climb=settings.climb, avoid=settings.avoid)
+    given = given_way(scene, settings)
+    return find_route(clip, scene, given=given, climb=settings.climb, avoid=settings.avoid)
 
 
 def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid") -> Plan:
@@ -233,7 +248,7 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
     resting = tuple(one.contact for one in plan.rests)
     walk = _Walk(
         plan.source,
-        plan.recorded or plan.source,
+        (plan.recorded or plan.source) if plan.loose else plan.source,
         (*found, *resting),
         plan.stances,
         new,

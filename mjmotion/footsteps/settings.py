@@ -26,12 +26,15 @@ class PlanSettings:
 
     Attributes:
       path: ``"bend"``: round what is in the way, and back; ``"keep"``: the clip's own; or (n, 2)
-        points of the way that it is to take [m].
+        points of the way that it is to take [m]. Sites ``way_1, way_2, …`` of the scene give that
+        for ``"bend"``.
       pace: ``"steps"``: a step takes longer that climbs, and less that is short; ``"keep"``: each as
         long as in the clip.
       avoid: names of geoms that are not stood on, however low.
       climb: whether it steps on or over what is higher than a step and has a top; else it goes
         round that.
+      footholds: (n, 3) x and y [m] and yaw [rad] of every stance in order of time, in place of
+        those that are found.
       strict: whether a way that is barred is an error; else the nearest way is taken and told.
     """
 
@@ -39,6 +42,7 @@ class PlanSettings:
     pace: str = "steps"
     avoid: tuple[str, ...] = ()
     climb: bool = False
+    footholds: NDArray[np.float64] | None = None
     strict: bool = False
 
     def __post_init__(self) -> None:

@@ -59,6 +59,7 @@ class Result:
       title: what the result is called in its report.
       saved_report: what ``report.json`` says, of a result that was read and has one; else empty.
       notes: what else there is to say, a line each.
+      barred: what bars the way that the scene asks for, in a line; empty where nothing does.
       recording: the source in its own time, of other frames, where the motion's is another.
     """
 
@@ -72,6 +73,7 @@ class Result:
     notes: tuple[str, ...] = ()
     saved_report: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     recording: Motion | None = None
+    barred: str = ""
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -123,7 +125,7 @@ class Result:
             exact_error_percent=fit.get("exact_error_percent"),
             unmet=tuple(one.as_dict() for one in self.unmet),
             title=self.title if title is None else title,
-            notes=self.notes,
+            notes=(self.barred, *self.notes) if self.barred else self.notes,
             body=self.body,
         )
 

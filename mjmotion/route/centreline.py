@@ -125,6 +125,6 @@ def direction_at_end(points: Array) -> Array:
 def headings(points: Array, length: Array, wanted: Array) -> Array:
     """Return headings (m,) of a line at arc lengths (m,), over :data:`STEP` either way [rad]."""
     ahead = at_lengths(points, length, wanted + STEP)
-    behind = at_lengths(points, length, np.maximum(wanted - STEP, 0.0))
+    behind = at_lengths(points, length, np.clip(wanted - STEP, 0.0, length[-1]))
     way = ahead - behind
     return np.unwrap(np.arctan2(way[:, 1], way[:, 0]))

@@ -19,7 +19,6 @@ Array = NDArray[np.float64]
 SMOOTH = (0.45, 0.3, 0.2, 0.12)  # τ of the line, tried in this order [m]
 ROUNDS = 12
 _HELD = 1e4  # weight of where the walk begins
-_BEGIN = 0.15  # how much of the way is held there [m]
 _PROBE = 0.01  # over which the slope of a lack is taken [m]
 _ENOUGH = 0.003  # lack that is none [m]
 _SOFT = 0.02  # what a lack of room for arms is worth, to one of room for the trunk
@@ -61,7 +60,7 @@ def _pushed(
     """Return the smooth line that lacks the least, and what of the first widths it lacks [m]."""
     trunk, wide = widths
     weight = np.ones(len(rough))
-    weight[: max(2, round(_BEGIN / FINE))] = _HELD
+    weight[0] = _HELD
     goal = rough
     best, least, worth = rough, np.inf, np.inf
     for _ in range(ROUNDS):

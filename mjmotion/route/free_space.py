@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mjmotion.route.shapes import Shape, outline_distance, solid_shapes
 from mjmotion.route.walkable import CELL as GROUND_CELL
-from mjmotion.route.walkable import STRIDE, Walkable, find_walkable
+from mjmotion.route.walkable import Walkable, find_walkable
 from mjmotion.route.width import BANDS, LOWEST, STEP_HEIGHT
 from mjmotion.scene import Scene
 
@@ -45,7 +45,7 @@ class FreeSpace:
         there is no ground. :data:`FAR` where nothing is near.
       nearest: (nband + 1, ny, nx) the geom that it is to, or :data:`NO_GROUND`.
       overhead: (ny, nx) to what one has to bow under [m].
-      rise: (ny, nx) between the lowest and the highest ground within a step [m].
+      rise: (ny, nx) the highest single step of the ground within a foot's length [m].
       ground: what can be walked to.
     """
 
@@ -224,11 +224,11 @@ class _Grid:
         self.nearest[band, rows, columns] = geom
 
     def rises(self) -> Array:
-        """Return (ny, nx) what ground rises and falls within a step [m]."""
+        """Return (ny, nx) the highest single step of the ground within a foot's length [m]."""
         from scipy.ndimage import maximum_filter, minimum_filter
 
-        height, size = self.ground.height, 2 * STRIDE // 2 + 1
-        rise = maximum_filter(height, size) - minimum_filter(height, size)
+        height = self.ground.height
+        rise = maximum_filter(maximum_filter(height, 3) - minimum_filter(height, 3), 3)
         rows, columns = np.indices(self.overhead.shape)
         points = self.corner + CELL * np.stack((columns, rows), axis=-1)
         return np.asarray(rise[self.ground.cells(points)])

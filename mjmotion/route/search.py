@@ -33,8 +33,10 @@ BENT = 0.05  # price of a change of that curvature
 TIGHT = 15.0  # price of a metre's way that lacks a metre of what the arms swing through
 BARRED = 600.0  # price of a metre's way that lacks a metre of what trunk and legs take up
 BOWED = 1.0  # price of a metre's way under what hangs low
-CLIMBED = 3.0  # price of a metre's way that rises or falls by a metre more than LEVEL
-LEVEL = 0.2  # rise within a step that costs nothing [m]
+CLIMBED = 8.0  # price of a metre's way with a single step a metre higher than LEVEL
+LEVEL = 0.22  # step that costs nothing [m]
+SET_OFF = 3.0  # price of setting off another way, by a squared radian
+ABOUT = np.radians((-40.0, -30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0, 40.0))  # which ways
 HEAD = 0.25  # nearer to it than that one bows [m]
 
 
@@ -75,13 +77,14 @@ class _Places:
 def find_way(asked: Asked, space: FreeSpace) -> Array:
     """Return the points (n, 2) of the cheapest way, a step of arc length apart [m].
 
-    It begins as the old line does. Where there is no free way it is the one that lacks least.
+    It begins where the old line does. Where there is no free way it is the one that lacks least.
     """
     line, count = asked.line, len(asked.line)
     ways = np.diff(line, axis=0)
     heading = np.unwrap(np.arctan2(ways[:, 1], ways[:, 0]))
-    one = np.zeros(1)
-    layers = [_Places(line[:1], one, one, one, one, np.zeros(1, dtype=np.int64))]
+    none, first = np.zeros(len(ABOUT)), np.repeat(line[:1], len(ABOUT), axis=0)
+    begin = np.zeros(len(ABOUT), dtype=np.int64)
+    layers = [_Places(first, ABOUT, none, none, SET_OFF * ABOUT**2, begin)]
     for layer in range(count - 1):
         layers.append(_next(layers[-1], layer, asked, heading, space))
     place, chosen = [], 0

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from mjmotion.body.motion import Motion
 from mjmotion.route.bend import Bend
-from mjmotion.route.centreline import Centreline
+from mjmotion.route.centreline import Centreline, at_lengths
 from mjmotion.route.fit import FINE, fit_line
 from mjmotion.route.free_space import FreeSpace, find_free_space
+from mjmotion.route.given import rounded
 from mjmotion.route.search import SHARPEST, STEP, Asked, find_way
 from mjmotion.route.width import BodyWidth
 from mjmotion.scene import Scene
@@ -61,22 +62,33 @@ class Route:
 
 
 def find_route(
-    source: Motion, scene: Scene, *, climb: bool = False, avoid: tuple[str, ...] = ()
+    source: Motion,
+    scene: Scene,
+    *,
+    given: Array | None = None,
+    climb: bool = False,
+    avoid: tuple[str, ...] = (),
 ) -> Route:
     """Return where a walk goes in a scene.
 
     Args:
       source: the walk at the scene's start, on level ground.
       scene: the scene, at rest.
+      given: (n, 2) the way that it is to take, whatever is in it [m]; found without.
       climb: whether what is higher than a step and has a top is climbed.
       avoid: names of geoms that are not ground.
     """
     line = Centreline.of(source)
     width = BodyWidth.of(source, line, float(scene.start_pos[2]))
     own = line.spaced(FINE)
+    _, trunk = needed_widths(width, np.arange(len(own)) * FINE)
+    if given is not None:
+        new = line_of_length(rounded(given), line.whole)
+        around = np.concatenate((source.qpos[:1, :2], new))
+        space = find_free_space(scene, around, REACH[0], width.height, climb=climb, avoid=avoid)
+        return _route(own, new, line.bend(new), space, trunk)
     reach = float(np.clip(0.8 * line.whole, *REACH))
     space = find_free_space(scene, own, reach, width.height, climb=climb, avoid=avoid)
-    _, trunk = needed_widths(width, np.arange(len(own)) * FINE)
     if len(own) < 3 or space.lack(own, trunk).max() <= FREE:
         return _route(own, own, Bend.none(source.nframe), space, trunk)
     points = line.spaced(STEP, AHEAD)
@@ -85,6 +97,17 @@ def find_route(
     new = fit_line(find_way(asked, space), asked, space)
     count = min(len(new), len(trunk))
     return _route(own, new, line.bend(new), space, trunk[:count])
+
+
+def line_of_length(line: Array, whole: float) -> Array:
+    """Return as much of a line (n, 2), :data:`FINE` apart, as a walk of some length goes [m]."""
+    length = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))))
+    return at_lengths(line, length, np.arange(0.0, whole + FINE, FINE))
+
+
+def way_length(way: Array) -> float:
+    """Return how long a given way is with its corners rounded [m]."""
+    return float(np.linalg.norm(np.diff(rounded(way), axis=0), axis=1).sum())
 
 
 def needed_widths(width: BodyWidth, lengths: Array) -> tuple[Array, Array]:
