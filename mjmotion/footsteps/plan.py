@@ -38,7 +38,7 @@ from mjmotion.footsteps.footholds import (
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
-from mjmotion.footsteps.rests import Rest, find_rests, kneeling, sitting
+from mjmotion.footsteps.rests import Rest, find_rests, knee_paths, kneeling, sitting
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.scene import Scene
@@ -62,6 +62,7 @@ class Plan:
       root_shift: (nframe, 3) the first guess of §4.5 [m].
       obstacles: what to keep clear of.
       rests: knees, palms and the seat where they rest.
+      knees: where knees go that are posed at every frame.
     """
 
     source: Motion
@@ -72,6 +73,7 @@ class Plan:
     root_shift: Array
     obstacles: tuple[Obstacle, ...]
     rests: tuple[Rest, ...] = ()
+    knees: tuple[SiteConstraint, ...] = ()
 
     def constraints(self) -> list[SiteConstraint]:
         """Both feet posed at every frame, and what rests besides."""
@@ -82,7 +84,9 @@ class Plan:
             )
             for path in self.paths
         ]
-        return feet + [rest.constraint() for rest in self.rests]
+        posed = {one.site for one in self.knees}
+        rests = [rest.constraint() for rest in self.rests if rest.contact.site not in posed]
+        return [*feet, *self.knees, *rests]
 
     def free_footholds(self) -> list[SharedMove]:
         """One unknown move for every stance, in the plane of its foothold (§7)."""
@@ -234,7 +238,8 @@ def _on_ground(
     found = tuple(
         sorted((*found, *(one.contact for one in rests)), key=lambda c: (c.start, c.site))
     )
-    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles, rests)
+    knees = tuple(knee_paths(source, pose, paths, rests, ground))
+    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles, rests, knees)
 
 
 def with_ends(
