@@ -173,4 +173,14 @@ def crawl(cycles: int = 3, stride: float = 0.25) -> Motion:
             place[:, 0] += ahead
             place[:, 2] = 0.05 * np.sin(np.pi * s) ** 2
             constraints.append(SiteConstraint(name, frames, place))
+            if name.endswith("knee"):  # the shank stays level
+                foot = name.replace("knee", "foot")
+                constraints.append(SiteConstraint(foot, frames, place + _apart(still, name, foot)))
     return fit(motion, constraints, ik="numeric", first_guess=False).motion
+
+
+def _apart(pose: np.ndarray, first: str, second: str) -> np.ndarray:
+    model = character().model
+    ids = np.array([site_id(model, first), site_id(model, second)])
+    places = site_positions(model, pose[None], ids)[0]
+    return places[1] - places[0]

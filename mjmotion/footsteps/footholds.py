@@ -50,6 +50,8 @@ class Stance:
     Attributes:
       foot: which of the feet.
       heel, toe: frames ``(start, end)`` of its contacts; empty ``(0, 0)`` where there is none.
+      heel_off, toe_off: frames within those in which it is off the ground, as of one who rises on
+        to the toes and comes down again.
       start, end: all its frames.
       source_pos: (3,) posed site when the foot stands flat on level ground [m].
       source_quat: (4,) the same, wxyz: only a turn about the vertical.
@@ -60,6 +62,8 @@ class Stance:
     toe: tuple[int, int]
     source_pos: Array
     source_quat: Array
+    heel_off: tuple[tuple[int, int], ...] = ()
+    toe_off: tuple[tuple[int, int], ...] = ()
 
     @property
     def start(self) -> int:
@@ -117,17 +121,22 @@ def find_stances(
                 flat if flat.any() else heel[start:end] | toe[start:end]
             )
             position, quat = _level_pose(pose, motion, foot, frames, spans)
-            stances.append(Stance(index, spans[0], spans[1], position, quat))
+            off = [_gaps(mask, *span) for mask, span in zip((heel, toe), spans, strict=True)]
+            stances.append(Stance(index, spans[0], spans[1], position, quat, *off))
     return tuple(sorted(stances, key=lambda stance: (stance.start, stance.foot)))
 
 
 def contacts_of(stances: Sequence[Stance], feet: Sequence[Foot]) -> tuple[Contact, ...]:
     """Return the contacts of heels and toes that stances are made of, in order of their start."""
     found = [
-        Contact(f"{feet[stance.foot].side}_{part}", *span)
+        Contact(f"{feet[stance.foot].side}_{part}", start, end)
         for stance in stances
-        for part, span in (("heel", stance.heel), ("toe", stance.toe))
-        if span[1] > span[0]
+        for part, span, off in (
+            ("heel", stance.heel, stance.heel_off),
+            ("toe", stance.toe, stance.toe_off),
+        )
+        for start, end in _between(span, off)
+        if end > start
     ]
     return tuple(sorted(found, key=lambda contact: (contact.start, contact.site)))
 
@@ -135,6 +144,20 @@ def contacts_of(stances: Sequence[Stance], feet: Sequence[Foot]) -> tuple[Contac
 def _span(mask: NDArray[np.bool_], start: int, end: int) -> tuple[int, int]:
     held = start + np.flatnonzero(mask[start:end])
     return (int(held[0]), int(held[-1]) + 1) if len(held) else (0, 0)
+
+
+def _gaps(mask: NDArray[np.bool_], start: int, end: int) -> tuple[tuple[int, int], ...]:
+    """Return the stretches of a span in which a mask does not hold."""
+    off = np.concatenate(([0], ~mask[start:end], [0])).astype(np.int8)
+    edges = start + np.flatnonzero(np.diff(off)).reshape(-1, 2)
+    return tuple((int(first), int(last)) for first, last in edges)
+
+
+def _between(span: tuple[int, int], off: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return the stretches of a span that are left without some of it."""
+    starts = [span[0], *(last for _, last in off)]
+    ends = [*(first for first, _ in off), span[1]]
+    return list(zip(starts, ends, strict=True))
 
 
 def _level_pose(

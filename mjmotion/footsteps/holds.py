@@ -39,6 +39,9 @@ class Holds:
             self.toes[span] = foothold.toes
             self.heel[slice(*stance.heel)] = True
             self.toe[slice(*stance.toe)] = True
+            for mask, gaps in ((self.heel, stance.heel_off), (self.toe, stance.toe_off)):
+                for gap in gaps:
+                    mask[slice(*gap)] = False
         self.any = self.heel | self.toe
         self.flat = self.heel & self.toe
 

@@ -41,7 +41,7 @@ from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
 from mjmotion.footsteps.pace import Pace, find_pace
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
-from mjmotion.footsteps.rests import Rest, find_rests, kneeling, sitting
+from mjmotion.footsteps.rests import Rest, find_rests, knee_paths, kneeling, sitting
 from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.footsteps.steps import bend_along, choose_footholds, loose_ends
 from mjmotion.ik import IKSolver
@@ -76,6 +76,7 @@ class Plan:
       loose: (nframe, 3) of each foot, where steps were moved: how much further it goes before its
         first stance and after its last [m].
       rests: knees, palms and the seat where they rest.
+      knees: where knees go that are posed at every frame.
     """
 
     source: Motion
@@ -92,6 +93,7 @@ class Plan:
     original: Motion | None = None
     loose: tuple[Array, ...] = ()
     rests: tuple[Rest, ...] = ()
+    knees: tuple[SiteConstraint, ...] = ()
 
     def constraints(self) -> list[SiteConstraint]:
         """Both feet posed at every frame, and what rests besides."""
@@ -102,7 +104,9 @@ class Plan:
             )
             for path in self.paths
         ]
-        return feet + [rest.constraint() for rest in self.rests]
+        posed = {one.site for one in self.knees}
+        rests = [rest.constraint() for rest in self.rests if rest.contact.site not in posed]
+        return [*feet, *self.knees, *rests]
 
     def free_footholds(self) -> list[SharedMove]:
         """One unknown move for every stance, in the plane of its foothold (§7)."""
@@ -347,6 +351,7 @@ def _on_ground(walk: _Walk, scene: Scene) -> Plan:
         recorded=None if source is recorded else recorded,
         loose=walk.loose,
         rests=rests,
+        knees=tuple(knee_paths(source, pose, paths, rests, ground)),
     )
 
 

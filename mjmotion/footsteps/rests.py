@@ -31,13 +31,14 @@ from mjmotion.numerics.rotations import (
     multiply,
     rotate,
 )
-from mjmotion.numerics.smoothing import cover, ease
+from mjmotion.numerics.smoothing import cover, ease, envelope, fade
 from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
 
 BLEND_TIME = 0.25  # over which a foot that stood begins to go along with its knee [s]
 CLEAR_TIME = 0.1  # how far on either side it is felt that a foot keeps out of the ground [s]
+CREEP_TIME = 0.05  # in which what a knee crept while it rested dies out, as exp(-t / this) [s]
 SHORT_SHANK = 0.1  # least way from knee to foot that a slope is reckoned with [m]
 _CLEARS = 2  # times that it is looked whether it must turn further for that
 FLAT_MOST = 1.05  # a palm is laid flat that is off it by no more [rad]
@@ -120,10 +121,10 @@ def kneeling(
     share = _share(mine, path.stance, len(path.position), fps)
     site = site_id(pose.model, foot.site)
     own, bend = continuous(from_matrix(pose.site_xmat[:, site])), foot.bend(pose)
-    place, quat = pose.site_xpos[:, site] + along(mine, len(share)), own
     # A shank lies as the ground does, turned about its knee; and further where the foot is in that.
-    knee = pose.site_xpos[:, site_id(pose.model, mine[0].contact.site)] + along(mine, len(share))
-    (under, below), way = (ground.under(p)[0] for p in (place, knee)), place - knee
+    knee = _knee(pose, mine, ground, fps)
+    way = pose.site_xpos[:, site] - pose.site_xpos[:, site_id(pose.model, mine[0].contact.site)]
+    under, below = (ground.under(point)[0] for point in (knee + way, knee))
     rise = np.where(np.isnan(under - below), 0.0, under - below)
     far = np.maximum(np.linalg.norm(way[:, :2], axis=1), SHORT_SHANK)
     across = np.column_stack((way[:, 1], -way[:, 0], np.zeros(len(way)))) / far[:, None]
@@ -144,6 +145,46 @@ def kneeling(
         toes=path.toes + share * (bend - path.toes),
         lift=path.lift * (1.0 - share),
     )
+
+
+def knee_paths(
+    source: Motion,
+    pose: Pose,
+    paths: Sequence[FootPath],
+    rests: Sequence[Rest],
+    ground: Ground,
+) -> list[SiteConstraint]:
+    """Pose at every frame the knees of those who crawl: whose foot never stands, and they do.
+
+    Between its rests a knee goes as in the source, carried from one to the next, and is kept out of
+    the ground.
+    """
+    found = []
+    for foot, path in zip(source.character.feet, paths, strict=True):
+        mine = [one for one in rests if one.contact.site == f"{foot.side}_knee"]
+        if not mine or path.stance.any():
+            continue
+        name = mine[0].contact.site
+        place = _knee(pose, mine, ground, source.fps)
+        frames = np.arange(source.nframe)
+        found.append(SiteConstraint(name, frames, place, None, contact=True, source="scene"))
+    return found
+
+
+def _knee(pose: Pose, mine: Sequence[Rest], ground: Ground, fps: float) -> Array:
+    """Return where a knee goes (nframe, 3) [m]: it rests on its spots, and is over ground else."""
+    name, nframe = mine[0].contact.site, len(pose.site_xpos)
+    place = pose.site_xpos[:, site_id(pose.model, name)] + along(mine, nframe)
+    held = contact_mask([one.contact for one in mine], name, nframe)
+    off = np.zeros_like(place)
+    for one in mine:
+        span = slice(one.contact.start, one.contact.end)
+        off[span] = one.position - place[span]
+    place = place + fade(held, off, CREEP_TIME * fps)
+    height, _ = ground.under(place)
+    deep = np.where(np.isnan(height) | held, 0.0, height - place[:, 2])
+    place[:, 2] += envelope(deep, held, CLEAR_TIME * fps)
+    return place
 
 
 def sitting(shift: Array, rests: Sequence[Rest], fps: float) -> Array:

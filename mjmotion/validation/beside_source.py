@@ -125,14 +125,14 @@ class BesideSource:
         own = ground_support(ground, sites, place[:, sites], self._held)
         before = level_support(model, sites, source_place[:, sites], self._held)
         fps, sheet = self._motion.fps, self._sheet
-        above = model.body_parentid[model.site_bodyid[list(sites)]]
-        kneels = np.stack(
-            [self._held[:, model.site_bodyid[list(sites)] == b].any(axis=1) for b in above], 1
-        )
-        sheet.metrics["contact_kept_percent"] = kept_share(before.place, self._held, fps, kneels)
+        owner = model.site_bodyid[list(sites)]
+        above = [owner == model.body_parentid[body] for body in owner]
+        kneels = np.stack([self._held[:, one].any(axis=1) for one in above], axis=1)
+        kept = kept_share(before.place, self._held, fps, owner, kneels)
+        sheet.metrics["contact_kept_percent"] = kept
         flat = self._held & (own.normal[..., 2] >= _STEEP)
         flat &= level_frames(own.height, fps)[:, None]
-        owner, legs = model.site_bodyid[list(sites)], self._body.anatomy.legs
+        legs = self._body.anatomy.legs
         frames = [flat[:, owner == leg.foot].any(axis=1) for leg in legs]
         bend, worst = knee_bend(self._body.anatomy, self._own, self._before, frames)
         if worst is not None:

@@ -97,23 +97,32 @@ def ground_support(ground: Ground, sites: Sequence[int], place: Array, held: Mas
     return dataclasses.replace(level, normal=normal, friction=friction, height=heights)
 
 
-def kept_share(place: Array, held: Mask, fps: float, left_out: Mask | None = None) -> float:
+def kept_share(
+    place: Array,
+    held: Mask,
+    fps: float,
+    body: NDArray[np.int32] | None = None,
+    left_out: Mask | None = None,
+) -> float:
     """Return the share [percent] of frames in which the source's sites stand that contacts cover.
 
-    A site surely stands where it is slower than 0.08 m/s and no more than 20 mm over its lowest
-    frame of all. NaN where none does.
+    A site surely stands where it is slower than 0.08 m/s and no more than 20 mm over the lowest
+    frame of all sites of its body. NaN where none does.
 
     Args:
-      place: (nframe, nsite, 3) the source's heels and toes [m].
+      place: (nframe, nsite, 3) the source's heels and toes, and whatever else stands [m].
       held: (nframe, nsite) whether a contact covers them.
       fps: frames a second.
+      body: (nsite,) whose they are; each its own without.
       left_out: (nframe, nsite) where they are not asked, as of a foot whose knee rests.
     """
     if len(place) < 2 or place.shape[1] == 0:
         return np.nan
     speed = np.linalg.norm(np.gradient(place, axis=0), axis=2) * fps
-    low = place[..., 2] <= place[..., 2].min(axis=0) + LOW
-    sure = (speed < SLOW) & low
+    lowest = place[..., 2].min(axis=0)
+    if body is not None:
+        lowest = np.array([lowest[body == one].min() for one in body])
+    sure = (speed < SLOW) & (place[..., 2] <= lowest + LOW)
     if left_out is not None:
         sure &= ~left_out
     return float(100.0 * np.mean(held[sure])) if sure.any() else np.nan
