@@ -201,7 +201,7 @@ def test_save_and_load(tmp_path: Path) -> None:
 GOOD = {"site": "left_toe", "start": 2, "end": 9}
 BAD_FILES = {
     "not JSON": ("[{", "not JSON"),
-    "empty": ("", "not JSON"),
+    "empty": ("", "is empty"),
     "mapping": (json.dumps(GOOD), "list"),
     "numbers": ("[1, 2]", "entry 0"),
     "missing": (json.dumps([{"site": "left_toe", "start": 2}]), "entry 0"),
@@ -211,8 +211,8 @@ BAD_FILES = {
     "true": (json.dumps([{**GOOD, "start": True}]), "whole frames"),
     "unknown site": (json.dumps([{**GOOD, "site": "left_tow"}]), "left_toe"),
     "past the end": (json.dumps([{**GOOD, "end": 31}]), "30 frames"),
-    "negative": (json.dumps([{**GOOD, "start": -1}]), "empty"),
-    "backwards": (json.dumps([{**GOOD, "end": 2}]), "empty"),
+    "negative": (json.dumps([{**GOOD, "start": -1}]), "frames count from 0"),
+    "backwards": (json.dumps([{**GOOD, "end": 2}]), "holds no frame"),
     "overlap": (json.dumps([GOOD, {**GOOD, "start": 8, "end": 12}]), "overlap"),
 }
 
@@ -228,7 +228,7 @@ def test_bad_files(case: str, tmp_path: Path) -> None:
 
 
 def test_missing_file_and_frames_of_errors(tmp_path: Path) -> None:
-    with pytest.raises(ContactError, match="cannot read"):
+    with pytest.raises(ContactError, match="does not exist"):
         load_contacts(tmp_path / "absent.json", MODEL, 30)
     with pytest.raises(ContactError) as caught:
         check_contacts([Contact("left_toe", 2, 33)], MODEL, 30)

@@ -239,11 +239,14 @@ def test_bad_amass(walk: Motion, tmp_path: Path) -> None:
     for wrong, match in (
         ({"poses": np.zeros((5, 30))}, "66 or more"),
         ({"trans": np.zeros((3, 3))}, "60 frames of 3"),
-        ({"poses": np.array(["a"])}, "no numbers"),
+        ({"poses": np.array(["a"])}, "poses holds text"),
+        ({"poses": np.zeros((60, 156), complex)}, "complex"),
+        ({"trans": np.full((60, 3), 1e7)}, "beyond 10,000 m"),
+        ({"mocap_framerate": np.array(True)}, "booleans"),
         ({"poses": np.full((60, 156), np.nan)}, "not finite"),
         ({"poses": np.zeros((0, 156)), "trans": np.zeros((0, 3))}, "no frames"),
     ):
-        np.savez(path, **{**arrays, **wrong}, mocap_framerate=30.0)
+        np.savez(path, **{**arrays, "mocap_framerate": np.array(30.0), **wrong})
         with pytest.raises(ClipError, match=match):
             load_clip(path)
 

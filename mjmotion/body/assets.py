@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from mjmotion.boundary.files import check_plain
 from mjmotion.exceptions import ModelError, SceneError, SessionError, unknown_name, wrong_type
 
 _FOLDERS = {
@@ -56,4 +57,5 @@ def find_asset(kind: str, name: str | Path) -> Path:
         if ours.is_file():
             return ours
         raise _ERRORS[kind](unknown_name(kind, str(name), asset_names(kind)))
-    raise _ERRORS[kind](f"{kind} file '{path}' does not exist: check the path")
+    check_plain(path, f"{kind} file", _ERRORS[kind])
+    return path

@@ -26,7 +26,7 @@ from mjmotion.body.joint_limits import JointLimits
 from mjmotion.body.kinematics import character_geoms, check_free_root, root_body
 from mjmotion.body.limbs import Limb, Limbs, find_limbs
 from mjmotion.body.parts import Parts, find_parts
-from mjmotion.boundary.mjcf import check_mjcf, check_model
+from mjmotion.boundary.mjcf import MUJOCO_ERRORS, check_mjcf, check_model
 from mjmotion.exceptions import ModelError, mujoco_message
 from mjmotion.numerics.rotations import to_matrix
 
@@ -69,7 +69,7 @@ class Character:
         spec, name = read_spec(source)
         try:
             model = spec.compile()
-        except (ValueError, OSError, mujoco.FatalError) as error:
+        except MUJOCO_ERRORS as error:
             raise ModelError(
                 f"character '{name}' does not compile: {mujoco_message(error)}"
             ) from error
@@ -236,7 +236,7 @@ def read_spec(source: str | Path | mujoco.MjSpec) -> tuple[mujoco.MjSpec, str]:
     check_mjcf(path, ModelError)
     try:
         return mujoco.MjSpec.from_file(str(path)), str(path)
-    except (ValueError, OSError, mujoco.FatalError) as error:
+    except MUJOCO_ERRORS as error:
         raise ModelError(f"model '{path}' cannot be read: {mujoco_message(error)}") from error
 
 

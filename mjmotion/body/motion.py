@@ -25,6 +25,7 @@ from mjmotion.body.character import (
 )
 from mjmotion.body.kinematics import check_free_root
 from mjmotion.boundary.arrays import read_archive
+from mjmotion.boundary.files import check_plain
 from mjmotion.boundary.limits import (
     MOST_ANGLE,
     MOST_FRAMES,
@@ -181,8 +182,7 @@ class Motion:
             from before the character had toes that bend is read with its toes at rest.
         """
         path = Path(path)
-        if not path.is_file():
-            raise ClipError(f"motion file '{path}' does not exist: check the path")
+        check_plain(path, "motion file", ClipError)
         try:
             data = read_archive(
                 path, ("qpos", "fps", "joint_names"), optional=("body_names", "body_pos")
@@ -195,7 +195,12 @@ class Motion:
             bones = dict[str, Array]()
             if "body_names" in data and "body_pos" in data:
                 places = real_array(data["body_pos"], "body_pos").reshape(-1, 3)
-                bones = dict(zip(map(str, data["body_names"].ravel()), places, strict=True))
+                bodies = [str(name) for name in data["body_names"].ravel()]
+                if len(bodies) != len(places):
+                    raise ValueError(
+                        f"it has {len(bodies)} body_names and {len(places)} rows of body_pos"
+                    )
+                bones = dict(zip(bodies, places, strict=True))
         except (ValueError, MotionError) as error:
             raise ClipError(
                 f"'{path}' is not a motion file ({error}): it needs qpos, fps and joint_names"

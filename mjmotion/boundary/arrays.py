@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import struct
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,10 +14,14 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from mjmotion.boundary.limits import MOST_COUNT, MOST_UNPACKED
+from mjmotion.boundary.files import check_plain
+from mjmotion.boundary.limits import MOST_COUNT, MOST_DIRECTORY, MOST_UNPACKED
 from mjmotion.boundary.words import first_line
+from mjmotion.exceptions import MotionError
 
 _SUFFIX = ".npy"
+_PART = 1 << 22  # read at once [bytes]
+_TAIL = (1 << 16) + 22  # where an archive tells of its members, a comment after it [bytes]
 
 
 def read_archive(
@@ -33,7 +38,7 @@ def read_archive(
       ValueError: one line without the file's name: it is missing, damaged, too large or lying.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
+        with _archive(path) as archive:
             members = archive.infolist()
             names = [member.filename for member in members]
             wanted = {name + _SUFFIX: name for name in (*needed, *optional)}
@@ -53,10 +58,21 @@ def read_archive(
             return found
     except ValueError:
         raise
+    except MotionError as error:
+        raise ValueError(str(error)) from None
     except OSError as error:
         raise ValueError(error.strerror or first_line(error)) from None
     except Exception as error:  # unpacking raises what zlib, struct, lzma and others raise
         raise ValueError(f"it is damaged: {first_line(error)}") from None
+
+
+def names_in_archive(path: str | Path) -> set[str]:
+    """Return the names of the arrays of an ``.npz`` file; none where it is not one."""
+    try:
+        with _archive(path) as archive:
+            return {name.removesuffix(_SUFFIX) for name in archive.namelist()}
+    except (OSError, ValueError, MotionError, zipfile.BadZipFile):
+        return set()
 
 
 def read_array(path: str | Path) -> NDArray[Any]:
@@ -67,14 +83,31 @@ def read_array(path: str | Path) -> NDArray[Any]:
     """
     path = Path(path)
     try:
+        size = check_plain(path, "array file")
         with path.open("rb") as file:
-            return _array(file, path.stat().st_size, path.name)
+            return _array(file, size, path.name)
     except ValueError:
         raise
+    except MotionError as error:
+        raise ValueError(str(error)) from None
     except OSError as error:
         raise ValueError(error.strerror or first_line(error)) from None
     except Exception as error:  # numpy's header is Python's own syntax, and fails in its ways
         raise ValueError(f"it is damaged: {first_line(error)}") from None
+
+
+def _archive(path: str | Path) -> zipfile.ZipFile:
+    """Open an archive whose list of members is of a size that can be read."""
+    size = check_plain(path, "archive")
+    with Path(path).open("rb") as file:
+        file.seek(-min(size, _TAIL), io.SEEK_END)
+        tail = file.read()
+    at = tail.rfind(b"PK\5\6")
+    if at >= 0 and len(tail) >= at + 16:
+        (directory,) = struct.unpack_from("<I", tail, at + 12)
+        if directory > MOST_DIRECTORY or tail[:at].rfind(b"PK\6\7") >= 0:
+            raise ValueError("it holds far more files than a motion has arrays")
+    return zipfile.ZipFile(path)
 
 
 def _array(file: BinaryIO, size: int, name: str) -> NDArray[Any]:
@@ -100,8 +133,15 @@ def _array(file: BinaryIO, size: int, name: str) -> NDArray[Any]:
     there = size - head.tell()
     if said != there:
         raise ValueError(f"{name} has {there:,} bytes where its header says {said:,}")
-    data = head.read() + file.read()
-    if len(data) != said:
-        raise ValueError(f"{name} is cut off: {len(data):,} of {said:,} bytes")
-    array = np.frombuffer(data, dtype=dtype).copy()
+    # Read into its place: of an array as large as may be, there is one copy.
+    array = np.empty(math.prod(shape), dtype)
+    begun = head.read()
+    data = array.view(np.uint8)
+    data[: len(begun)] = np.frombuffer(begun, np.uint8)
+    filled = len(begun)
+    while part := file.read(min(_PART, said - filled)):
+        data[filled : filled + len(part)] = np.frombuffer(part, np.uint8)
+        filled += len(part)
+    if filled != said:
+        raise ValueError(f"{name} is cut off: {filled:,} of {said:,} bytes")
     return array.reshape(shape[::-1]).T if by_column else array.reshape(shape)

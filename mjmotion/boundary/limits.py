@@ -30,13 +30,29 @@ MOST_UNITS = 1e8
 """Lengths in a recording's own unit, which may be a tenth of a millimetre."""
 MOST_ANGLE = 1e4
 """Of a joint [rad]; a recording's may be in degrees, and wind up."""
-MOST_TEXT = 256 << 20
+MOST_TEXT = 128 << 20
 """Of a recording as text [bytes]."""
+MOST_LINES = 3_000_000
+"""Of a recording as text: an AMC file has one a bone and frame."""
+MOST_LINE = 1 << 20
+"""Letters of one line of a recording: all channels of a frame."""
+MOST_SKELETON = 4 << 20
+"""Letters of what tells a recording's skeleton."""
+MOST_NAME = 256
+"""Letters of a joint's name."""
+MOST_BINARY = 256 << 20
+"""Of a recording that is no text [bytes]."""
+MOST_MESH = 64 << 20
+"""Of a mesh that a ground is made of [bytes]."""
+MOST_DIRECTORY = 1 << 20
+"""Of the list of what is in an archive [bytes]."""
 MOST_STRUCTURED = 16 << 20
 """Of a JSON file [bytes]."""
-MOST_YAML = 1 << 20
+MOST_YAML = 512 << 10
 """Of a YAML file [bytes]: its reader takes seconds for a million."""
-MOST_MJCF = 64 << 20
+MOST_VALUES = 2_000_000
+"""Of a JSON file."""
+MOST_MJCF = 32 << 20
 """Of an MJCF file [bytes]."""
 MOST_ASSET = 512 << 20
 """Of one file that an MJCF file names [bytes]."""
@@ -46,15 +62,17 @@ MOST_NODES = 1_000_000
 """Values of a structured file, its aliases followed."""
 MOST_DIGITS = 400
 """Of one number; the largest double has 309."""
-MOST_UNPACKED = 512 << 20
+MOST_UNPACKED = 256 << 20
 """Of an archive's arrays, unpacked [bytes]."""
 MOST_SAMPLES = 4_000_000
-"""Of a heightfield."""
+"""Of a heightfield, and of all that a scene has."""
 MOST_PIXELS = 64_000_000
-"""Of an image."""
+"""Of an image, and of all textures of a scene."""
+MOST_SIDE = 16_384
+"""Of a texture [pixels]: graphics cards take no larger one."""
 MOST_COPIES = 10_000
 """Elements that one replicate or composite of a scene makes, those within each other multiplied."""
-MOST_ELEMENTS = 200_000
+MOST_ELEMENTS = 20_000
 """Of an MJCF file with all that it includes."""
 MOST_COUNT = 1_000_000
 """Of anything else that a file counts."""
@@ -68,6 +86,12 @@ LEAST_KNOT, MOST_KNOT = 0.5, 1e5
 """Frames a knot."""
 MOST_TOLERANCE = 1000.0
 """Of a fit [mm]."""
+MOST_RIGIDITY = 1e6
+"""How much more a joint resists than by itself."""
+MOST_EDITS = 1_000
+"""Of a session: each takes a fit to make again."""
+MOST_PAUSE = 60.0
+"""Between two keys of an animation [s]."""
 MOST_SCENE_PARTS = 2_000
 """Steps, blocks or doorways of a scene that we build."""
 

@@ -11,12 +11,14 @@ import math
 import re
 import struct
 import xml.parsers.expat
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from mjmotion.boundary.files import check_plain, file_bytes
 from mjmotion.boundary.limits import (
     MOST_ASSET,
     MOST_COPIES,
@@ -28,16 +30,21 @@ from mjmotion.boundary.limits import (
     MOST_MJCF,
     MOST_PIXELS,
     MOST_SAMPLES,
+    MOST_SIDE,
+    MOST_UNITS,
     at_most,
 )
-from mjmotion.boundary.words import one_line
+from mjmotion.boundary.words import first_line, one_line
 from mjmotion.exceptions import MotionError
+
+MUJOCO_ERRORS = (ValueError, OSError, RuntimeError, mujoco.FatalError)
+"""What MuJoCo raises of a model that it cannot read, compile or write; which of them is its own."""
 
 # Of these attributes the words are names, and may well be "nan".
 _NAMES = re.compile(
     r"name|class|childclass|file.*|material|mesh|hfield|texture|site\d?|body\d?|joint\d?|geom\d?"
     r"|tendon\d?|actuator|model|prefix|target|objname|reftype|refname|plugin|instance|value|key"
-    r"|.*dir|.*site|flexcomp|node|hclass|slidersite|cranksite|refsite|content_type|vertex|element"
+    r"|.*dir|.*site|flexcomp|node|hclass|slidersite|cranksite|refsite|content_type|element"
 )
 # These are places or sizes [m]; elements that have other things under these names are left out.
 _LENGTHS = ("pos", "fromto", "size", "offset")
@@ -63,19 +70,29 @@ class _Reader:
     def __init__(self, error: type[MotionError]) -> None:
         self._error = error
         self._elements = 0
+        self._points: Counter[str] = Counter()
 
     def read(self, path: Path, above: tuple[Path, ...]) -> None:
+        data = file_bytes(path, "MJCF file", MOST_MJCF, self._error)
+        if not data.strip():
+            raise self._error(f"MJCF file '{path}' is empty")
         try:
-            if path.stat().st_size > MOST_MJCF:
-                raise self._error(f"'{path}' is larger than {MOST_MJCF:,} bytes: it is no model")
-            data = path.read_bytes()
-        except (OSError, ValueError):
-            return  # MuJoCo says what is the matter
+            data.decode("utf-8")
+        except UnicodeDecodeError as fault:
+            line = data.count(b"\n", 0, fault.start) + 1
+            raise self._error(
+                f"'{path}' line {line}: it is not text in UTF-8: save it so"
+            ) from None
         if path in above:
             raise self._error(f"'{path}' includes itself")
         if len(above) > MOST_DEPTH:
             raise self._error(f"'{path}' is included through more than {MOST_DEPTH} files")
         _File(self, path, above, self._error).parse(data)
+
+    def points(self, tag: str, number: float, most: int, fault: str) -> None:
+        """Count points of all heightfields, or all textures, of a file and what it includes."""
+        self._points[tag] += int(number)
+        at_most(self._points[tag], most, f"{fault}: points of every {tag}", self._error)
 
     def count(self, path: Path) -> None:
         self._elements += 1
@@ -99,7 +116,10 @@ class _File:
     def parse(self, data: bytes) -> None:
         try:
             self._xml.Parse(data, True)
-        except xml.parsers.expat.ExpatError:
+        except xml.parsers.expat.ExpatError as fault:
+            if self._above:  # of what is included, MuJoCo does not say where it cannot be read
+                why = xml.parsers.expat.ErrorString(fault.code)
+                raise self._fault(f"it is not well-formed XML: {why}") from None
             return  # MuJoCo reads XML in its own way, and says where it cannot
         except (ValueError, LookupError):  # an encoding that is none
             return
@@ -153,6 +173,8 @@ class _File:
 
     def _check_numbers(self, tag: str, name: str, text: str) -> None:
         """Refuse NaN, infinity, and lengths or counts beyond their bounds."""
+        words = str(self._fault(f"words in {name} of {tag}"))
+        at_most(text.count(" "), MOST_SAMPLES, words, self._error)
         if _NAMES.fullmatch(name):
             return
         try:
@@ -164,6 +186,8 @@ class _File:
         largest = float(np.abs(values).max(initial=0.0))
         if name in _LENGTHS and tag not in _NOT_LENGTHS:
             at_most(largest, MOST_LENGTH, str(self._fault(f"{name} of {tag} in m")), self._error)
+        if name == "vertex":  # of a mesh, in its own unit
+            at_most(largest, MOST_UNITS, str(self._fault(f"vertex of {tag}")), self._error)
         if name in _COUNTED:
             at_most(largest, MOST_COUNT, str(self._fault(f"{name} of {tag}")), self._error)
 
@@ -174,10 +198,16 @@ class _File:
             rows, columns = (float(attributes.get(name, "0")) for name in sides)
         except ValueError:
             return
-        if rows * columns > most:
+        if tag == "texture" and max(rows, columns) > MOST_SIDE:
+            raise self._fault(f"{tag} of {rows:.0f} x {columns:.0f}: at most {MOST_SIDE:,} a side")
+        # A cube has six faces of the width given; MuJoCo does not ask for its height.
+        cube = tag == "texture" and attributes.get("type", "cube") != "2d"
+        number = 6 * rows * rows if cube else rows * columns
+        if number > most:
             raise self._fault(
                 f"{tag} of {rows:.0f} x {columns:.0f}: at most {most:,} points can be"
             )
+        self._reader.points(tag, max(number, 0.0), most, str(self._fault(tag)))
 
     def _check_sizes(self, attributes: Mapping[str, str]) -> None:
         for name, text in attributes.items():
@@ -194,13 +224,15 @@ class _File:
         places = [folder / file, *(place / file for place in self._folders.values())]
         for place in places:
             try:
-                if not place.is_file():
-                    continue
-                size = place.stat().st_size
+                if not place.exists():
+                    continue  # it may be in another of them; where it is in none, MuJoCo says so
+                size = check_plain(place, "file", self._error)
                 with place.open("rb") as opened:
                     head = opened.read(32)
-            except (OSError, ValueError):
-                continue
+            except (OSError, ValueError) as error:
+                raise self._fault(f"'{file}' cannot be read: {first_line(error)}") from None
+            except self._error as error:
+                raise self._fault(str(error)) from None
             if size > MOST_ASSET:
                 raise self._fault(
                     f"'{file}' has {size:,} bytes: at most {MOST_ASSET:,} can be read"
@@ -212,6 +244,11 @@ class _File:
                 most = MOST_SAMPLES if tag == "hfield" else MOST_PIXELS
                 if width * height > most:
                     raise self._fault(f"'{file}' is {width} x {height}: at most {most:,} pixels")
+                if tag == "texture" and max(width, height) > MOST_SIDE:
+                    raise self._fault(
+                        f"'{file}' is {width} x {height}: at most {MOST_SIDE:,} a side"
+                    )
+                self._reader.points(tag, width * height, most, str(self._fault(tag)))
             elif tag == "hfield" and len(head) >= 8:
                 self._check_heights(file, head, size, place)
 
@@ -222,6 +259,7 @@ class _File:
                 f"'{file}' has {size:,} bytes, not those of {rows} x {columns} heights"
             )
         at_most(rows * columns, MOST_SAMPLES, str(self._fault(f"heights of '{file}'")), self._error)
+        self._reader.points("hfield", rows * columns, MOST_SAMPLES, str(self._fault("hfield")))
         heights = np.fromfile(place, dtype="<f4", offset=8)
         if len(bad := np.flatnonzero(~np.isfinite(heights))):
             where = f"row {bad[0] // columns}, column {bad[0] % columns}"

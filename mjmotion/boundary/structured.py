@@ -11,17 +11,23 @@ import re
 from pathlib import Path
 from typing import Any, NoReturn
 
+from mjmotion.boundary.files import file_bytes
 from mjmotion.boundary.limits import (
     MOST_DEPTH,
     MOST_DIGITS,
     MOST_NODES,
     MOST_STRUCTURED,
+    MOST_VALUES,
     MOST_YAML,
     at_most,
     shown,
 )
 from mjmotion.boundary.words import first_line
 from mjmotion.exceptions import MotionError
+
+# What stands between values of JSON, and within some texts.
+_MARKS: dict[type, tuple[Any, ...]] = {str: (",", "["), bytes: (b",", b"[")}
+_POWER = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+")  # YAML 1.1 takes 1e5 for text
 
 
 def read_structured(path: str | Path, what: str, error: type[MotionError] = MotionError) -> Any:
@@ -44,8 +50,19 @@ def read_structured(path: str | Path, what: str, error: type[MotionError] = Moti
 
 def read_json(path: str | Path, what: str, error: type[MotionError] = MotionError) -> Any:
     """Return what a JSON file holds; see :func:`read_structured`."""
-    path = Path(path)
-    text, name = _text(path, what, MOST_STRUCTURED, error), f"{what} '{path}'"
+    return parse_json(_text(Path(path), what, MOST_STRUCTURED, error), f"{what} '{path}'", error)
+
+
+def parse_json(text: str | bytes, name: str, error: type[MotionError] = MotionError) -> Any:
+    """Return what JSON says; ``name`` is what it is called in messages, its file with it.
+
+    Raises:
+      MotionError: as ``error``: too deep, damaged, or a key twice.
+    """
+    marks = sum(text.count(mark) for mark in _MARKS[type(text)])
+    at_most(marks, MOST_VALUES, f"{name} holds too many values", error)
+    if not text.strip():
+        raise error(f"{name} is empty")
 
     def pairs(found: list[tuple[str, Any]]) -> dict[str, Any]:
         content = dict(found)
@@ -73,24 +90,16 @@ def read_json(path: str | Path, what: str, error: type[MotionError] = MotionErro
 
 def _text(path: Path, what: str, most: int, error: type[MotionError]) -> str:
     try:
-        size = path.stat().st_size
-        if size > most:
-            raise error(f"{what} '{path}' has {size:,} bytes: at most {most:,} can be read")
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise error(f"cannot read {what} '{path}': it does not exist: check the path") from None
-    except (OSError, ValueError) as fault:
-        why = getattr(fault, "strerror", None) or fault
-        raise error(f"cannot read {what} '{path}': {why}") from None
-    try:
-        return data.decode("utf-8-sig")
+        return file_bytes(path, what, most, error).decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise error(f"cannot read {what} '{path}': it is not text in UTF-8: save it so") from None
+        raise error(f"{what} '{path}' is not text in UTF-8: save it so") from None
 
 
 def _yaml(text: str, name: str, error: type[MotionError]) -> Any:
     import yaml  # only here: a third of mjmotion's own import time
 
+    if not text.strip():
+        raise error(f"{name} is empty")
     loader = _loader(yaml)
     try:
         _check_events(yaml, text, name, error)
@@ -154,4 +163,5 @@ def _loader(yaml: Any) -> Any:
                     seen.add(key.value)
             return super().construct_mapping(node, deep=deep)
 
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", _POWER, list("-+0123456789"))
     return Loader

@@ -11,6 +11,7 @@ from mjmotion.body.assets import asset_names, find_asset
 from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics, character_geoms, root_body
 from mjmotion.body.motion import Motion
+from mjmotion.boundary.files import check_plain
 from mjmotion.clips import builtin_clips, load_clip
 from mjmotion.exceptions import MotionError, unknown_name
 from mjmotion.footsteps.contacts import Contact, detect_contacts
@@ -52,7 +53,7 @@ def describe(what: str) -> list[str]:
     if what in asset_names("model"):
         return describe_model(what, load_model(find_asset("model", what)))
     if path.suffix or path.parent != Path():
-        raise MotionError(f"'{what}' does not exist: check the path")
+        check_plain(path, "file")
     names = [*builtin_clips(), *asset_names("scene"), *asset_names("model")]
     raise MotionError(unknown_name("clip, scene or model", what, names))
 

@@ -125,11 +125,12 @@ def _last(error: Exception, written: Written) -> int:
 @contextlib.contextmanager
 def _told() -> Iterator[None]:
     """Gather warnings; where the command ends well, each is told in one line."""
-    from mjmotion.boundary.quiet import gathered
+    from mjmotion.boundary.quiet import c_errors_kept, gathered
     from mjmotion.cli.terminal import warn
 
-    with gathered() as notes:
+    with gathered() as notes, c_errors_kept() as said:
         yield
+    notes += said
     for line in notes[:_NOTES]:
         warn(f"note: {line}")
     if len(notes) > _NOTES:

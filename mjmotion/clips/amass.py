@@ -7,16 +7,18 @@ these models are within a body, and that is nearly the same for all shapes.
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.clips.skeleton import Clip, pose_skeleton
-from mjmotion.exceptions import ClipError
+from mjmotion.boundary.arrays import read_archive
+from mjmotion.boundary.files import check_plain
+from mjmotion.boundary.limits import MOST_FRAMES, MOST_LENGTH, at_most, real_array
+from mjmotion.clips.skeleton import Clip, checked_rate, pose_skeleton
+from mjmotion.exceptions import ClipError, frame_list
 from mjmotion.numerics import rotations as rot
 
 Array = NDArray[np.float64]
@@ -66,11 +68,19 @@ def read_amass(path: str | Path, *, fps: float | None = None) -> Clip:
     arrays = _load(Path(path))
     poses = _poses(path, arrays)
     nframe, njoint = len(poses), len(_JOINTS)
+    at_most(nframe, MOST_FRAMES, f"frames of '{path}'", ClipError)
     trans = np.zeros((nframe, 3))
     if "trans" in arrays:
         trans = _numbers(path, "trans", arrays["trans"])
         if trans.shape != (nframe, 3):
             raise ClipError(f"'{path}': trans is {trans.shape}, not {nframe} frames of 3")
+        far = np.flatnonzero((np.abs(trans) > MOST_LENGTH).any(axis=1))
+        if len(far):
+            raise ClipError(
+                f"'{path}': trans is beyond {MOST_LENGTH:,.0f} m at frames"
+                f" {frame_list(far.tolist())}: mend the file",
+                far.tolist(),
+            )
     if fps is None:
         named = next((name for name in _RATES if name in arrays), None)
         if named is None:
@@ -79,6 +89,7 @@ def read_amass(path: str | Path, *, fps: float | None = None) -> Clip:
         if rate.size != 1:
             raise ClipError(f"'{path}': {named} is no one number: give the rate as --fps")
         fps = float(rate.reshape(()))
+    fps = checked_rate(str(path), fps)
     names, parents, offsets = zip(*_JOINTS, strict=True)
     translations = np.tile(np.array(offsets), (nframe, 1, 1))
     translations[:, 0] += trans
@@ -89,7 +100,7 @@ def read_amass(path: str | Path, *, fps: float | None = None) -> Clip:
     )
 
 
-def _poses(path: str | Path, arrays: Mapping[str, object]) -> Array:
+def _poses(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> Array:
     """Return (nframe, 66 or more) axis-angles of root and body."""
     if "poses" in arrays:
         poses = _numbers(path, "poses", arrays["poses"])
@@ -109,22 +120,15 @@ def _poses(path: str | Path, arrays: Mapping[str, object]) -> Array:
     return poses
 
 
-def _numbers(path: str | Path, name: str, values: object) -> Array:
+def _numbers(path: str | Path, name: str, values: NDArray[Any]) -> Array:
     """Return an array of finite or other numbers."""
-    values = np.asarray(values)
-    if values.dtype.kind not in "fiu":
-        raise ClipError(f"'{path}': {name} are no numbers: save the file again")
-    return values.astype(float)
+    return real_array(values, f"'{path}': {name}", ClipError)
 
 
-def _load(path: Path) -> dict[str, object]:
+def _load(path: Path) -> dict[str, NDArray[Any]]:
     """Return the arrays of the file that are of use."""
-    wanted = {"poses", "root_orient", "pose_body", "trans", *_RATES}
+    check_plain(path, "AMASS file", ClipError)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files if name in wanted}
-    except FileNotFoundError:
-        raise ClipError(f"AMASS file '{path}' does not exist: check the path") from None
-    except (OSError, ValueError, EOFError, KeyError, zlib.error, zipfile.BadZipFile) as error:
-        reason = " ".join(str(error).split())
-        raise ClipError(f"'{path}' is damaged ({reason}): get it again") from None
+        return read_archive(path, (), ("poses", "root_orient", "pose_body", "trans", *_RATES))
+    except ValueError as error:
+        raise ClipError(f"'{path}' is damaged ({error}): get it again") from None

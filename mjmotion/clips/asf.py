@@ -8,8 +8,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.boundary.files import check_plain
 from mjmotion.boundary.limits import MOST_FRAMES, MOST_JOINTS, MOST_POSES, at_most
-from mjmotion.clips.skeleton import Clip, axis_rotations, pose_skeleton, read_text
+from mjmotion.clips.skeleton import (
+    Clip,
+    axis_rotations,
+    check_skeleton_size,
+    pose_skeleton,
+    read_lines,
+)
 from mjmotion.exceptions import ClipError
 
 Array = NDArray[np.float64]
@@ -93,8 +100,7 @@ def _skeleton_file(path: Path) -> Path:
     Of 02_01.amc that is 02_01.asf, else 02.asf, else the longest name that the AMC's begins with
     (HDM_bd.asf of HDM_bd_01-01.amc), else the only one; beside the file, else a folder up.
     """
-    if not path.is_file():
-        raise ClipError(f"AMC file '{path}' does not exist: check the path")
+    check_plain(path, "AMC file", ClipError)
     stem = path.stem.lower()
     seen: list[str] = []
     for folder in (path.parent, path.absolute().parent.parent):
@@ -116,7 +122,9 @@ def _skeleton_file(path: Path) -> Path:
 
 def _read_skeleton(path: Path) -> _Skeleton:
     """Read an ASF file."""
-    text = re.sub(r"#.*", "", read_text(str(path), "ASF"))
+    lines = read_lines(path, "ASF")
+    check_skeleton_size(path, lines)
+    text = "\n".join(line.partition("#")[0] for line in lines)
     sections = {
         part.split(None, 1)[0].lower(): part.split(None, 1)[-1]
         for part in re.split(r"(?m)^\s*:", text)
@@ -129,7 +137,10 @@ def _read_skeleton(path: Path) -> _Skeleton:
     tree.degrees = not re.search(r"angle\s+rad", sections.get("units", ""))
     try:
         tree.bones["root"] = _root(sections["root"])
-        for block in re.findall(r"\bbegin\b(.*?)\bend\b", sections["bonedata"], re.DOTALL):
+        for part in re.split(r"\bbegin\b", sections["bonedata"])[1:]:
+            block, *rest = re.split(r"\bend\b", part, maxsplit=1)
+            if not rest:
+                raise ValueError("a bone begins and does not end")
             name, bone = _bone(block, tree.degrees)
             if name in tree.bones:
                 raise ValueError(f"bone {name} stands twice")
@@ -207,10 +218,8 @@ def _parents_first(tree: _Skeleton, path: Path) -> list[str]:
 
 
 def _frame_lines(path: str | Path) -> list[str]:
-    text = re.sub(r"#.*", "", read_text(str(path), "AMC"))
-    return [
-        line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(":")
-    ]
+    lines = (line.partition("#")[0] for line in read_lines(path, "AMC"))
+    return [line for line in lines if line.strip() and not line.lstrip().startswith(":")]
 
 
 def _read_values(path: str | Path, lines: list[str], tree: _Skeleton) -> dict[str, Array]:

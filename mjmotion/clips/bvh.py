@@ -10,8 +10,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.boundary.limits import MOST_FRAMES, MOST_JOINTS, MOST_POSES, MOST_UNITS, at_most
-from mjmotion.clips.skeleton import Clip, axis_rotations, pose_skeleton, read_text
+from mjmotion.boundary.limits import (
+    MOST_FRAMES,
+    MOST_JOINTS,
+    MOST_NAME,
+    MOST_POSES,
+    MOST_UNITS,
+    at_most,
+)
+from mjmotion.clips.skeleton import (
+    Clip,
+    axis_rotations,
+    check_skeleton_size,
+    checked_rate,
+    pose_skeleton,
+    read_lines,
+)
 from mjmotion.exceptions import ClipError
 
 _CHANNELS = {f"{axis}{kind}" for axis in "xyz" for kind in ("position", "rotation")}
@@ -44,8 +58,9 @@ def read_bvh(path: str | Path, *, fps: float | None = None) -> Clip:
     Raises:
       ClipError: the file is missing, truncated or malformed: one line, with the line number.
     """
-    lines = read_text(str(path), "BVH").splitlines()
+    lines = read_lines(path, "BVH")
     at = next((n for n, line in enumerate(lines) if line.strip().upper() == "MOTION"), None)
+    check_skeleton_size(path, lines[:at])
     tokens = _tokens(lines[:at])
     if not tokens or tokens[0][0].upper() != "HIERARCHY":
         raise ClipError(f"'{path}' is not a BVH file: it does not begin with HIERARCHY")
@@ -95,6 +110,7 @@ class _HierarchyParser:
         self._at = 1  # the next word
         self._open: list[int] = []  # joints whose braces are open; -1 stands for an End Site
         self._tree = _Hierarchy()
+        self._seen: set[str] = set()  # names of joints
 
     def parse(self) -> _Hierarchy:
         """Return the tree."""
@@ -127,7 +143,11 @@ class _HierarchyParser:
             raise self._error("a JOINT outside its parent")
         at_most(len(tree.names), MOST_JOINTS, f"joints of '{self._path}'", ClipError)
         tree.parents.append(self._open[-1] if self._open else -1)
-        tree.names.append(self._name())
+        name = self._name()
+        if name in self._seen:
+            raise self._error(f"a second joint '{name[:MOST_NAME]}'")
+        self._seen.add(name)
+        tree.names.append(name)
         tree.offsets.append([0.0, 0.0, 0.0])
         tree.channels.append([])
         self._open.append(len(tree.names) - 1)
@@ -257,6 +277,6 @@ def _read_motion(
     if fps is not None:
         return values, fps
     # A frame time is written with few digits (0.0083333): snap to the whole rate it stands for.
-    rate_said = 1 / frame_time
+    rate_said = checked_rate(str(path), 1 / frame_time)
     whole = abs(rate_said - round(rate_said)) < 1e-4 * rate_said
     return values, float(round(rate_said)) if whole else rate_said

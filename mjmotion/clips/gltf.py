@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import json
 import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,16 +17,41 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.boundary.files import file_bytes
+from mjmotion.boundary.limits import (
+    MOST_BINARY,
+    MOST_FRAMES,
+    MOST_JOINTS,
+    MOST_PAUSE,
+    MOST_POSES,
+    MOST_TEXT,
+    MOST_UNITS,
+    at_most,
+    shown,
+    whole_number,
+)
+from mjmotion.boundary.structured import parse_json
 from mjmotion.clips.skeleton import Clip, checked_rate
 from mjmotion.exceptions import ClipError
 from mjmotion.numerics import rotations as rot
 
 Array = NDArray[np.float64]
 
+_WAYS = ("LINEAR", "STEP", "CUBICSPLINE")
 _RATE = 30.0  # frames a second where none is asked for
-_MOST = 1_000_000  # frames: a damaged time would ask for more memory than there is
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_OF_OTHERS = {
+    KeyError: "it lacks what glTF demands, or names a kind that there is not",
+    IndexError: "it names what it does not have",
+    RecursionError: "it is far too deep",
+    struct.error: "it is cut off",
+    binascii.Error: "a buffer is no base64",
+}
 _SIZES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+
+
+class _Unsound(ValueError):
+    """What is wrong with a file, in words."""
 
 
 class _File:
@@ -35,61 +59,88 @@ class _File:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        data = path.read_bytes()
+        data = file_bytes(path, "glTF file", MOST_BINARY, ClipError)
         self.binary: bytes | None = None
         if data[:4] == b"glTF":
-            at, text = 12, None
+            said = struct.unpack_from("<I", data, 8)[0] if len(data) >= 12 else 12
+            if said > len(data):
+                raise _Unsound(f"it is cut off: {len(data):,} of {said:,} bytes")
+            at, text = 12, b""
             while at + 8 <= len(data):
                 size, kind = struct.unpack_from("<II", data, at)
+                if at + 8 + size > len(data):
+                    raise _Unsound("a chunk is longer than the file")
                 chunk = data[at + 8 : at + 8 + size]
                 if kind == 0x4E4F534A:
                     text = chunk
                 elif kind == 0x004E4942:
                     self.binary = chunk
                 at += 8 + size
-            if text is None:
-                raise ValueError("no JSON chunk")
+            if not text:
+                raise _Unsound("it has no JSON")
             data = text
-        content = json.loads(data)
+        elif data.strip()[:1] not in (b"{", b"\xef", b""):
+            raise _Unsound("it begins neither with glTF nor with {")
+        at_most(len(data), MOST_TEXT, f"bytes of JSON of '{path}'", ClipError)
+        content = parse_json(data, f"glTF file '{path}'", ClipError)
         if not isinstance(content, dict):
-            raise ValueError("its JSON is no object")
+            raise _Unsound("its JSON is no object")
         self.content: dict[str, Any] = content
 
     def items(self, name: str) -> list[dict[str, Any]]:
         """Return a list of the file, empty where it has none."""
-        return list(self.content.get(name) or [])
+        found = self.content.get(name) or []
+        if not isinstance(found, list):
+            raise _Unsound(f"its {name} are {shown(found)} and no list")
+        return found
+
+    def item(self, name: str, index: Any) -> dict[str, Any]:
+        """Return an entry of a list by its number."""
+        entries = self.items(name)
+        if type(index) is not int or not 0 <= index < len(entries):
+            raise _Unsound(f"it names {shown(index)} of its {len(entries)} {name}")
+        return entries[index]
 
     def values(self, index: int) -> Array:
         """Return the values (n, size) of an accessor."""
-        accessor = self.items("accessors")[index]
+        accessor = self.item("accessors", index)
         kind, size = np.dtype(_TYPES[accessor["componentType"]]), _SIZES[accessor["type"]]
-        count = int(accessor["count"])
+        count = whole_number(accessor["count"], "count of an accessor", ClipError)
         if "sparse" in accessor or "bufferView" not in accessor:
-            raise ValueError("sparse accessors are not read")
-        view = self.items("bufferViews")[accessor["bufferView"]]
-        start = int(view.get("byteOffset", 0)) + int(accessor.get("byteOffset", 0))
-        stride = int(view.get("byteStride") or size * kind.itemsize)
-        data = self._buffer(int(view["buffer"]))
-        if count < 1 or start + (count - 1) * stride + size * kind.itemsize > len(data):
-            raise ValueError("a buffer is cut off")
+            raise _Unsound("sparse accessors are not read")
+        view = self.item("bufferViews", accessor["bufferView"])
+        offsets = [part.get("byteOffset", 0) for part in (view, accessor)]
+        stride = view.get("byteStride") or size * kind.itemsize
+        if not all(type(n) is int and n >= 0 for n in offsets) or type(stride) is not int:
+            raise _Unsound(f"accessor {index} begins nowhere")
+        if stride < size * kind.itemsize or count < 1:
+            raise _Unsound(f"accessor {index} has values within each other, or none")
+        start, data = sum(offsets), self._buffer(view["buffer"])
+        if start + (count - 1) * stride + size * kind.itemsize > len(data):
+            raise _Unsound(f"the buffer of accessor {index} is cut off")
         raw = np.ndarray((count, size), kind, data, start, (stride, kind.itemsize))
         values = raw.astype(float)
+        if not np.isfinite(values).all():
+            row = int(np.argwhere(~np.isfinite(values))[0][0])
+            raise _Unsound(f"accessor {index} is not finite at its value {row}")
         if accessor.get("normalized") and kind.kind in "iu":
             values = np.maximum(values / np.iinfo(kind).max, -1.0)
         return values
 
-    def _buffer(self, index: int) -> bytes:
-        uri = self.items("buffers")[index].get("uri")
+    def _buffer(self, index: Any) -> bytes:
+        uri = self.item("buffers", index).get("uri")
         if uri is None:
             if self.binary is None:
-                raise ValueError("its binary chunk is missing")
+                raise _Unsound("its binary chunk is missing")
             return self.binary
+        if not isinstance(uri, str):
+            raise _Unsound(f"a buffer's uri is {shown(uri)}")
         if uri.startswith("data:"):
             return base64.b64decode(uri.partition(",")[2])
         name = unquote(uri)
         if Path(name).is_absolute() or ".." in Path(name).parts:
-            raise ValueError(f"its buffer '{name}' is outside its folder")
-        return (self.path.parent / name).read_bytes()
+            raise _Unsound(f"its buffer '{name}' is outside its folder")
+        return file_bytes(self.path.parent / name, "glTF buffer", MOST_BINARY, ClipError)
 
 
 def read_gltf(path: str | Path, *, fps: float | None = None) -> Clip:
@@ -108,11 +159,6 @@ def read_gltf(path: str | Path, *, fps: float | None = None) -> Clip:
     rate = checked_rate(str(path), _RATE if fps is None else fps)
     try:
         return _read(Path(path), rate)
-    except FileNotFoundError as error:
-        name = error.filename or path
-        raise ClipError(f"glTF file '{name}' does not exist: check the path") from None
-    except OSError as error:
-        raise ClipError(f"glTF file '{path}' cannot be read: {error.strerror}") from None
     except (
         ValueError,
         KeyError,
@@ -123,7 +169,9 @@ def read_gltf(path: str | Path, *, fps: float | None = None) -> Clip:
         struct.error,
         binascii.Error,
     ) as error:
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        # What Python says of its own types says nothing to those who exported the file.
+        own = isinstance(error, _Unsound)
+        reason = str(error) if own else _OF_OTHERS.get(type(error), "a value is of another kind")
         raise ClipError(f"'{path}' is not a sound glTF file ({reason}): export it again") from None
 
 
@@ -131,24 +179,34 @@ def _read(path: Path, fps: float) -> Clip:
     """Read a file; what is damaged raises whatever it raises."""
     file = _File(path)
     nodes = file.items("nodes")
-    above = {int(child): n for n, node in enumerate(nodes) for child in node.get("children", ())}
+    above = {child: n for n, node in enumerate(nodes) for child in node.get("children", ())}
+    for child in above:
+        file.item("nodes", child)
     chosen = _animation(file)
     if chosen is None:
         raise ClipError(f"'{path}' has no animation of a skeleton: export it with its motion")
     tracks = {
-        (int(channel["target"]["node"]), channel["target"]["path"]): chosen["samplers"][
-            channel["sampler"]
-        ]
+        (channel["target"]["node"], channel["target"]["path"]): _sampler(chosen, channel)
         for channel in chosen["channels"]
         if "node" in channel["target"] and channel["target"]["path"] != "weights"
     }
     skins = file.items("skins")
     joints = skins[0]["joints"] if skins else [node for node, _ in tracks]
-    order = _with_those_above([int(joint) for joint in joints], above, len(nodes))
+    for joint in joints:
+        file.item("nodes", joint)
+    if not joints:
+        raise _Unsound("its skin has no joints")
+    order = _with_those_above(joints, above, len(nodes))
+    at_most(len(order), MOST_JOINTS, f"joints of '{path}'", ClipError)
     ends = [file.values(sampler["input"])[:, 0] for sampler in tracks.values()]
     first, last = min(float(t[0]) for t in ends), max(float(t[-1]) for t in ends)
-    if not (np.isfinite([first, last]).all() and 0 <= (last - first) * fps < _MOST):
-        raise ValueError(f"its times go from {first:g} to {last:g} s")
+    if not (np.isfinite([first, last]).all() and 0 <= (last - first) * fps < MOST_FRAMES):
+        raise _Unsound(f"its times go from {first:g} to {last:g} s")
+    pause = max(float(np.diff(t).max(initial=0.0)) for t in ends)
+    if pause > MOST_PAUSE:
+        raise _Unsound(f"{pause:g} s pass from one of its keys to the next, {MOST_PAUSE:g} at most")
+    frames = (last - first) * fps * len(order)
+    at_most(round(frames), MOST_POSES, f"joints x frames of '{path}'", ClipError)
     times = first + np.arange(round((last - first) * fps) + 1) / fps
     moving = _places(file, nodes, order, above, tracks, times)
     rest = _places(file, nodes, order, above, {}, times[:1])
@@ -157,8 +215,20 @@ def _read(path: Path, fps: float) -> Clip:
     turns = moving[1] @ np.swapaxes(rest[1], -1, -2)
     offsets = rest[0][0] - np.where((parents < 0)[:, None], 0.0, rest[0][0][parents])
     if not (np.isfinite(moving[0]).all() and np.isfinite(turns).all()):
-        raise ValueError("values that are not finite")
+        raise _Unsound("its nodes turn to what is not finite")
+    if (largest := float(np.abs(moving[0]).max())) > MOST_UNITS:
+        raise _Unsound(f"a joint is at {largest:g} units, {MOST_UNITS:g} at most")
     return Clip(str(path), names, parents, offsets, moving[0], turns, fps, {})
+
+
+def _sampler(animation: Mapping[str, Any], channel: Mapping[str, Any]) -> Mapping[str, Any]:
+    samplers, index = animation["samplers"], channel["sampler"]
+    if type(index) is not int or not 0 <= index < len(samplers):
+        raise _Unsound(f"it names {shown(index)} of its {len(samplers)} samplers")
+    sampler: Mapping[str, Any] = samplers[index]
+    if (way := sampler.get("interpolation", "LINEAR")) not in _WAYS:
+        raise _Unsound(f"interpolation is {shown(way)}, none of {', '.join(_WAYS)}")
+    return sampler
 
 
 def _animation(file: _File) -> dict[str, Any] | None:
@@ -173,13 +243,15 @@ def _animation(file: _File) -> dict[str, Any] | None:
 def _with_those_above(joints: Sequence[int], above: Mapping[int, int], count: int) -> list[int]:
     """Return nodes and all above them, parents first."""
     order: list[int] = []
+    seen: set[int] = set()
     for joint in joints:
         line = [joint]
-        while line[-1] in above:
+        while line[-1] in above and above[line[-1]] not in seen:
             line.append(above[line[-1]])
             if len(line) > count:
-                raise ValueError("its nodes hang on themselves")
-        order += [node for node in reversed(line) if node not in order]
+                raise _Unsound("its nodes hang on themselves")
+        order += [node for node in reversed(line) if node not in seen]
+        seen |= set(line)
     return order
 
 
@@ -229,7 +301,7 @@ def _places(
         # The turning alone: scales, of armatures in centimetres for one, are in the positions.
         u, size, vt = np.linalg.svd(whole[:, :3, :3])
         if (size < 1e-12).any():
-            raise ValueError(f"node {node} has no size")
+            raise _Unsound(f"node {node} has no size")
         u[..., -1] *= np.linalg.det(u @ vt)[:, None]
         rotations[:, index] = u @ vt
     return positions, rotations
@@ -241,7 +313,7 @@ def _sampled(file: _File, sampler: Mapping[str, Any], times: Array, part: str) -
     way = sampler.get("interpolation", "LINEAR")
     cubic = way == "CUBICSPLINE"
     if len(values) != len(keys) * (3 if cubic else 1) or (np.diff(keys) < 0).any():
-        raise ValueError("a track has other values than times")
+        raise _Unsound("a track has other values than times, or times that run backwards")
     after = np.clip(np.searchsorted(keys, times, side="right"), 1, max(len(keys) - 1, 1))
     before = after - 1
     after = np.minimum(after, len(keys) - 1)

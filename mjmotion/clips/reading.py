@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
+from mjmotion.boundary.arrays import names_in_archive
 from mjmotion.clips.asf import read_amc
 from mjmotion.clips.bvh import read_bvh
 from mjmotion.clips.skeleton import Clip
@@ -89,9 +89,5 @@ def not_read(path: str | Path, otherwise: str) -> ClipError:
 
 def _holds_poses(path: Path) -> bool:
     """Return whether an .npz file has the arrays of AMASS, by the names in its directory."""
-    try:
-        with zipfile.ZipFile(path) as file:
-            names = set(file.namelist())
-    except (OSError, zipfile.BadZipFile):
-        return False
-    return bool({"poses.npy", "pose_body.npy"} & names) and "qpos.npy" not in names
+    names = names_in_archive(path)
+    return bool({"poses", "pose_body"} & names) and "qpos" not in names

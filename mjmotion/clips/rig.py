@@ -85,21 +85,22 @@ def find_rig(clip: Clip, mapping: str | Path | Mapping[str, Any] | None = None) 
         names unknown things.
     """
     content = read_mapping(mapping) if mapping is not None else {}
+    where = f"mapping file '{mapping}'" if isinstance(mapping, (str, Path)) else "mapping"
     given: dict[str, str] = {}
     for role, joint in content.get("joints", {}).items():
         if role not in ROLES:
-            raise ClipError(f"mapping: {unknown_name('role', str(role), ROLES)}")
+            raise ClipError(f"{where}: {unknown_name('role', str(role), ROLES)}")
         if joint is None:  # a line of a written mapping that was not filled in
             continue
         if joint not in clip.joint_names:
             raise ClipError(
-                f"mapping of {role}: {unknown_name('joint', str(joint), clip.joint_names)}"
+                f"{where}: {role}: {unknown_name('joint', str(joint), clip.joint_names)}"
             )
         given[role] = str(joint)
     ignored = content.get("ignore", ())
     for role in ignored:
         if role not in OPTIONAL:
-            raise ClipError(f"mapping: ignore: {unknown_name('role', str(role), OPTIONAL)}")
+            raise ClipError(f"{where}: ignore: {unknown_name('role', str(role), OPTIONAL)}")
     roles = find_roles(clip, given)
     joints = {role: joint for role, joint in roles.joints.items() if role not in ignored}
     _check_once(joints, given)

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.boundary.files import file_bytes
 from mjmotion.boundary.limits import (
     LEAST_RATE,
     MOST_FRAMES,
+    MOST_LINE,
+    MOST_LINES,
+    MOST_NAME,
     MOST_RATE,
+    MOST_SKELETON,
     MOST_TEXT,
     MOST_UNITS,
     at_most,
@@ -60,6 +65,11 @@ class Clip:
             if parent >= 0:
                 rest[joint] += rest[parent]
         return rest
+
+    def __post_init__(self) -> None:
+        """Refuse names that are none."""
+        longest = max(map(len, self.joint_names), default=0)
+        at_most(longest, MOST_NAME, f"letters of a joint's name in '{self.name}'", ClipError)
 
     def index(self, joint: str) -> int:
         """Return the index of a joint by name.
@@ -172,26 +182,38 @@ def axis_rotations(axis: str, angles: NDArray[np.float64]) -> NDArray[np.float64
     return result
 
 
-def read_text(path: str, kind: str) -> str:
-    """Return the text of a clip file, be it in Unicode, Shift-JIS or a Western code page.
+def read_lines(path: str | Path, kind: str) -> list[str]:
+    """Return the lines of a clip file, be it in Unicode, Shift-JIS or a Western code page.
 
     Raises:
-      ClipError: the file is missing, not readable, or not text.
+      ClipError: the file is missing, not readable, not text, or has too many or too long lines.
     """
-    try:
-        at_most(Path(path).stat().st_size, MOST_TEXT, f"bytes of '{path}'", ClipError)
-        data = Path(path).read_bytes()
-    except FileNotFoundError:
-        raise ClipError(f"{kind} file '{path}' does not exist: check the path") from None
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise ClipError(f"{kind} file '{path}' cannot be read: {why}") from None
-    text = _decoded(data)
+    text = _decoded(file_bytes(path, f"{kind} file", MOST_TEXT, ClipError))
     if text is None:
         raise ClipError(f"'{path}' is not a {kind} file: it is not text")
     if not text.strip():
         raise ClipError(f"{kind} file '{path}' is empty: export the clip again")
-    return text
+    if "\r" in text:
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
+    at_most(text.count("\n"), MOST_LINES, f"lines of '{path}'", ClipError)
+    lines = text.split("\n")
+    longest = max(lines, key=len)
+    if len(longest) > MOST_LINE:
+        raise ClipError(
+            f"'{path}' line {lines.index(longest) + 1} has {len(longest):,} letters, and at most"
+            f" {MOST_LINE:,} can be: it is no {kind} file"
+        )
+    return lines
+
+
+def check_skeleton_size(path: str | Path, lines: Sequence[str]) -> None:
+    """Refuse lines that would tell a skeleton, and are far too many letters for one.
+
+    Raises:
+      ClipError: by the file, with the bound.
+    """
+    letters = sum(map(len, lines))
+    at_most(letters, MOST_SKELETON, f"letters of the skeleton in '{path}'", ClipError)
 
 
 def _decoded(data: bytes) -> str | None:
@@ -201,8 +223,9 @@ def _decoded(data: bytes) -> str | None:
     elif b"\0" in data:
         encodings = ["utf-8-sig"]
     else:
-        high = [byte for byte in data if byte >= 0x80]
-        japanese = 4 * sum(byte in _KANA for byte in high) > len(high)
+        letters = np.frombuffer(data, np.uint8)
+        kana = (letters >= _KANA.start) & (letters < _KANA.stop)
+        japanese = 4 * int(kana.sum()) > int((letters >= 0x80).sum())
         encodings = ["utf-8-sig", *(["cp932"] if japanese else []), "cp1252", "latin-1"]
     for encoding in encodings:
         try:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.motion import Motion, toe_joints
 from mjmotion.boundary.limits import MOST_FRAMES, at_most
-from mjmotion.clips.skeleton import read_text
+from mjmotion.clips.skeleton import read_lines
 from mjmotion.exceptions import ClipError, frame_list
 
 _PARTS = {
@@ -55,7 +55,7 @@ def read_csv(path: str | Path, character: CharacterLike, *, fps: float | None = 
     Raises:
       ClipError: the file is missing or malformed, lacks columns, or its times are not even.
     """
-    lines = [line for line in read_text(str(path), "CSV").splitlines() if line.strip()]
+    lines = [line for line in read_lines(path, "CSV") if line.strip()]
     header = [name.strip().strip('"') for name in lines[0].split(",")]
     character = Character.of(character)
     columns = column_names(character.model)

@@ -76,7 +76,10 @@ def _from_entry(entry: Any, nframe: int) -> Constraint:
     if type(span) is int:
         span = [span, span + 1]
     if not (isinstance(span, list) and len(span) == 2 and all(type(x) is int for x in span)):
-        raise ConstraintError("'frames' must be one frame or [start, end]")
+        raise ConstraintError(f"'frames' is {shown(span)}: it must be one frame or [start, end]")
+    if span[0] >= span[1]:
+        said = f"[{shown(span[0])}, {shown(span[1])}]"
+        raise ConstraintError(f"frames {said} are none: the second is where they end, not the last")
     if not 0 <= span[0] < span[1] <= nframe:
         said = f"[{shown(span[0])}, {shown(span[1])}]"
         raise ConstraintError(f"frames {said} are not within the motion's 0 to {nframe}")

@@ -203,8 +203,9 @@ def per_frame(value: ArrayLike, count: int, width: int, where: str, name: str) -
         array = np.asarray(value, dtype=np.float64)
         array = np.array(np.broadcast_to(array, (count, width)))
     except (TypeError, ValueError) as error:
+        rows = f"{count} row{'s' * (count != 1)}"
         raise ConstraintError(
-            f"{where}: {name} must be {width} numbers, or {count} rows of {width}"
+            f"{where}: {name} must be {width} numbers, or {rows} of {width}"
         ) from error
     if not np.isfinite(array).all():
         raise ConstraintError(f"{where}: {name} is not finite")

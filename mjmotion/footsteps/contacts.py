@@ -24,7 +24,7 @@ from mjmotion.body.kinematics import Kinematics, root_body, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.boundary.limits import MOST_FRAMES, shown, whole_number
 from mjmotion.boundary.structured import read_json
-from mjmotion.exceptions import ContactError, wrong_type
+from mjmotion.exceptions import ContactError, MotionError, wrong_type
 
 Array = NDArray[np.float64]
 
@@ -329,9 +329,14 @@ def check_contacts(
     last: dict[str, Contact] = {}
     for contact in ordered:
         site_id(model, contact.site)
-        if not 0 <= contact.start < contact.end:
+        if contact.start < 0:
             raise ContactError(
-                f"contact of '{contact.site}' from {contact.start} to {contact.end} is empty"
+                f"contact of '{contact.site}' starts at frame {contact.start}: frames count from 0"
+            )
+        if not contact.start < contact.end:
+            raise ContactError(
+                f"contact of '{contact.site}' starts at frame {contact.start} and ends before frame"
+                f" {contact.end}: it holds no frame"
             )
         if contact.end > nframe:
             raise ContactError(
@@ -371,7 +376,10 @@ def load_contacts(path: str | Path, model: mujoco.MjModel, nframe: int) -> tuple
                 raise ContactError(f"{where}: start and end must be whole frames, not {said}")
             whole_number(entry[key], f"{where}: {key}", ContactError)
         contacts.append(Contact(entry["site"], entry["start"], entry["end"]))
-    return check_contacts(contacts, model, nframe)
+    try:
+        return check_contacts(contacts, model, nframe)
+    except MotionError as error:
+        raise ContactError(f"contacts file '{path}': {error}", error.frames) from error
 
 
 def save_contacts(path: str | Path, contacts: Iterable[Contact]) -> None:

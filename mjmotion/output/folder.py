@@ -47,6 +47,7 @@ def check_output(out: str | Path, force: bool = False) -> None:
     their home, nor their notes on a result.
     """
     out = Path(out)
+    _resolved(out)
     try:
         if not out.exists():
             return
@@ -96,10 +97,10 @@ def result_folder(out: str | Path, force: bool = False) -> Iterator[Path]:
       OutputError: ``out`` cannot be written, or holds something already; see check_output.
     """
     out = Path(out)
-    with contextlib.suppress(OSError, ValueError):
+    with contextlib.suppress(OSError, ValueError, RuntimeError):
         tidy(out.resolve())
     check_output(out, force)
-    out = out.resolve()
+    out = _resolved(out)
     missing = [parent for parent in out.parents if not parent.exists()]
     aside: Path | None = None
     held = contextlib.ExitStack()
@@ -126,6 +127,19 @@ def result_folder(out: str | Path, force: bool = False) -> Iterator[Path]:
         raise
     finally:
         held.close()
+
+
+def _resolved(out: Path) -> Path:
+    """Return where a path leads.
+
+    Raises:
+      OutputError: its links lead round in a circle, or it is none.
+    """
+    try:
+        return out.resolve()
+    except (OSError, ValueError, RuntimeError) as error:  # RuntimeError is pathlib's of circles
+        said = getattr(error, "strerror", None) or "its links lead nowhere"
+        raise OutputError(f"cannot write to '{out}': {said}: give another --out") from None
 
 
 def check_file(path: str | Path, force: bool = False) -> None:

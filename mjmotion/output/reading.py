@@ -15,7 +15,7 @@ from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.morph_body import MorphBody
 from mjmotion.body.motion import Motion
 from mjmotion.boundary.limits import MOST_COUNT, at_most, real_number, shown, whole_number
-from mjmotion.boundary.mjcf import check_mjcf, check_model
+from mjmotion.boundary.mjcf import MUJOCO_ERRORS, check_mjcf, check_model
 from mjmotion.boundary.structured import read_json
 from mjmotion.boundary.words import first_line
 from mjmotion.clips import builtin_contacts, load_clip
@@ -135,12 +135,10 @@ def load_model(path: str | Path) -> mujoco.MjModel:
       MotionError: it is missing or MuJoCo cannot compile it.
     """
     path = Path(path)
-    if not path.is_file():
-        raise MotionError(f"model file '{path}' does not exist: check the path")
     check_mjcf(path, MotionError)
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
-    except (ValueError, mujoco.FatalError) as error:
+    except MUJOCO_ERRORS as error:
         raise MotionError(f"model '{path}' does not compile: {mujoco_message(error)}") from error
     check_model(model, f"model '{path}'", MotionError)
     return model

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.joint_limits import LIMIT_PREFIX
+from mjmotion.boundary.mjcf import MUJOCO_ERRORS
 from mjmotion.exceptions import MotionError, SceneError, mujoco_message
 from mjmotion.scene.quiet import quiet
 from mjmotion.scene.renaming import asset_name, free_name, rename_shared
@@ -70,7 +71,7 @@ def compose(character: CharacterLike, scene: SceneLike, *, moving: bool = False)
     spec = spec.copy()  # a copy does not repeat the attachment's warnings at every compilation
     try:
         model = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
+    except MUJOCO_ERRORS as error:
         raise _clash(error, scene.name) from error
     return Character(model, spec, character.name)
 
@@ -199,7 +200,7 @@ def _attach(spec: mujoco.MjSpec, stage: mujoco.MjSpec, name: str) -> None:
     try:
         with quiet():
             spec.attach(stage, frame=spec.worldbody.add_frame(), prefix="")
-    except (ValueError, mujoco.FatalError) as error:
+    except MUJOCO_ERRORS as error:
         raise _clash(error, name) from error
 
 

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjmotion.boundary.arrays import read_array
+from mjmotion.boundary.files import check_plain
 from mjmotion.boundary.limits import (
-    MOST_ASSET,
     MOST_LENGTH,
+    MOST_MESH,
     MOST_SAMPLES,
     at_most,
     real_array,
@@ -31,6 +32,7 @@ from mjmotion.scene.stage import (
 
 _BASE = 1.0  # [m], how far the solid under a heightfield reaches below its lowest point
 _IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
+_MESHES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".dae")
 
 
 def from_heights(
@@ -48,9 +50,10 @@ def from_heights(
       source: one of
         - an array or ``.npy`` file (nrow, ncol) of heights [m], rows along +y, columns along +x;
         - an image: black is 0, white is ``height``; its top is the far side (+y);
-        - a mesh file that trimesh reads. A convex mesh is placed as it is. Any other is sampled to
-          a heightfield from above, since MuJoCo collides with a mesh's convex hull; where there is
-          no mesh under a sample the ground is at the mesh's lowest point.
+        - a mesh file (.obj, .stl, .ply, .off, .glb, .gltf, .dae). A convex mesh is placed as it
+          is. Any other is sampled to a heightfield from above, since MuJoCo collides with a mesh's
+          convex hull; where there is no mesh under a sample the ground is at the mesh's lowest
+          point.
       cell: distance between samples [m]; not used for a convex mesh.
       height: height of white in an image [m].
       scale: factor on the heights of an array, or on all lengths of a mesh (0.01 for centimetres).
@@ -70,13 +73,16 @@ def from_heights(
             "heights", real_array(source, "heights", SceneError) * scale, cell, start
         )
     path = Path(source)
-    if not path.is_file():
-        raise SceneError(f"heights file '{path}' does not exist: check the path")
+    check_plain(path, "heights file", SceneError)
     suffix = path.suffix.lower()
     if suffix == ".npy":
         return _field_scene(str(path), _read_npy(path) * scale, cell, start)
     if suffix in _IMAGES:
         return _field_scene(str(path), _read_image(path) * height, cell, start)
+    if suffix not in _MESHES:
+        raise SceneError(
+            f"'{path}' is no heights file by its name: give .npy, {', '.join((*_IMAGES, *_MESHES))}"
+        )
     return _mesh_scene(path, cell, scale, start, up)
 
 
@@ -230,9 +236,9 @@ def _read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], bool
     """Return vertices (n, 3), faces (m, 3), and whether the mesh is convex and closed."""
     import trimesh
 
-    at_most(path.stat().st_size, MOST_ASSET, f"bytes of '{path}'", SceneError)
+    at_most(path.stat().st_size, MOST_MESH, f"bytes of '{path}'", SceneError)
     try:
-        mesh: Any = trimesh.load_mesh(str(path))
+        mesh: Any = trimesh.load_mesh(str(path), skip_materials=True)
         if isinstance(mesh, trimesh.Scene):
             mesh = mesh.to_mesh()
         vertices = np.asarray(mesh.vertices, dtype=np.float64)

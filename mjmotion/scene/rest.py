@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.joint_limits import LIMIT_PREFIX
+from mjmotion.boundary.mjcf import MUJOCO_ERRORS
 from mjmotion.exceptions import SceneError, mujoco_message, unknown_name
 from mjmotion.numerics.rotations import conjugate, multiply, normalized, rotate
 from mjmotion.scene.flexes import flexes_to_geoms
@@ -79,7 +80,7 @@ def _compiled(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
     try:
         with quiet():
             return spec.compile()
-    except (ValueError, OSError, mujoco.FatalError) as error:
+    except MUJOCO_ERRORS as error:
         raise SceneError(f"scene '{name}' cannot stand still: {mujoco_message(error)}") from error
 
 

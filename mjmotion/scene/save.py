@@ -10,6 +10,7 @@ from xml.sax.saxutils import escape
 import mujoco
 import numpy as np
 
+from mjmotion.boundary.mjcf import MUJOCO_ERRORS
 from mjmotion.boundary.whole import write_whole
 from mjmotion.exceptions import OutputError, SceneError, mujoco_message
 
@@ -39,7 +40,7 @@ def save_model(spec: mujoco.MjSpec, folder: str | Path, filename: str = "model.x
     spec = spec.copy()
     try:
         model = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
+    except MUJOCO_ERRORS as error:
         raise SceneError(f"the model does not compile: {mujoco_message(error)}") from error
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -58,7 +59,7 @@ def save_model(spec: mujoco.MjSpec, folder: str | Path, filename: str = "model.x
         raise OutputError(
             f"cannot write the model into '{folder}': {error.strerror or error}"
         ) from error
-    except (ValueError, mujoco.FatalError) as error:
+    except MUJOCO_ERRORS as error:
         raise SceneError(f"the model cannot be saved as MJCF: {mujoco_message(error)}") from error
     return path
 

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.assets import find_asset
-from mjmotion.boundary.mjcf import check_mjcf, check_model
+from mjmotion.boundary.limits import MOST_LENGTH, at_most
+from mjmotion.boundary.mjcf import MUJOCO_ERRORS, check_mjcf, check_model
 from mjmotion.exceptions import SceneError, mujoco_message
 from mjmotion.scene.ground import Ground
 from mjmotion.scene.quiet import quiet
@@ -82,7 +83,10 @@ class Scene:
         """
         if keyframe is None and not moves(self.model):
             return self
-        return Scene.from_spec(rest_spec(self.spec, self.name, keyframe), self.name)
+        name = self.name if keyframe is None else f"{self.name} at keyframe {keyframe}"
+        return dataclasses.replace(
+            Scene.from_spec(rest_spec(self.spec, self.name, keyframe), name), name=self.name
+        )
 
     @classmethod
     def of(cls, source: SceneLike) -> Scene:
@@ -106,7 +110,7 @@ class Scene:
         try:
             with quiet():
                 model = spec.compile()
-        except (ValueError, OSError, mujoco.FatalError) as error:
+        except MUJOCO_ERRORS as error:
             raise SceneError(f"scene '{name}' does not compile: {mujoco_message(error)}") from error
         check_model(model, f"scene '{name}'", SceneError)
         pos, yaw = _start(model, name)
@@ -126,7 +130,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     try:
         with quiet():
             spec = mujoco.MjSpec.from_file(str(path))
-    except (ValueError, OSError, mujoco.FatalError) as error:
+    except MUJOCO_ERRORS as error:
         raise SceneError(
             f"scene '{path}' is not a MuJoCo model MuJoCo can read: {mujoco_message(error)}"
         ) from error
@@ -143,6 +147,9 @@ def _start(model: mujoco.MjModel, name: str) -> tuple[NDArray[np.float64], float
         return np.zeros(3), 0.0
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
+    away = float(np.abs(data.site_xpos[site]).max())
+    # What begins at the very bound of all lengths would walk beyond it.
+    at_most(away, MOST_LENGTH / 2, f"site '{START_SITE}' of scene '{name}' [m]", SceneError)
     forward = data.site_xmat[site].reshape(3, 3)[:, 0]
     if np.hypot(forward[0], forward[1]) < 1e-3:
         raise SceneError(

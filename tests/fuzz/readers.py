@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import io
+import itertools
 import json
+import os
 import random
 import signal
 import warnings
@@ -15,12 +17,15 @@ from typing import Any
 
 import mutations
 import numpy as np
+import samples
 
+from mjmotion.apps.session import load_session
 from mjmotion.body.character import Character
+from mjmotion.body.morph_body import MorphBody
 from mjmotion.body.motion import Motion
 from mjmotion.boundary.quiet import gathered
 from mjmotion.cli.main import parse
-from mjmotion.clips import load_clip
+from mjmotion.clips import load_clip, read_clip
 from mjmotion.constraints import load_constraints
 from mjmotion.exceptions import MotionError
 from mjmotion.footsteps.contacts import load_contacts
@@ -30,6 +35,7 @@ from mjmotion.scene.heights import from_heights
 from mjmotion.validation import read_thresholds
 
 SECONDS = 5
+BESIDE = ("a.asf", "a.amc", "c.bvh", "c.xml", "c.npz")  # what readers here put beside a file
 FRAMES = 12
 ROOT = Path(__file__).parents[2]
 
@@ -72,13 +78,37 @@ def readers() -> dict[str, Reader]:
         return load_clip(path, humanoid)
 
     arrays = _arrays(clip)
+    poses, body = samples.amass(FRAMES), samples.body(clip)
+
+    def archive(name: str, of: dict[str, Any], read: Callable[[Path], object]) -> Reader:
+        return Reader(
+            name, _archive(of), lambda chance: mutations.damaged_archive(of, chance), read
+        )
+
+    def session_of(path: Path) -> object:
+        (path.parent / "c.npz").write_bytes(_archive(arrays))
+        return load_session(path)
+
+    def asset(name: str, element: str, geom: str = "") -> Callable[[Path], object]:
+        scene = f"<mujoco><asset>{element}</asset><worldbody>{FLOOR}{geom}</worldbody></mujoco>"
+        whole = scene.replace("FILE", name)
+        times = itertools.count()
+
+        def read(path: Path) -> object:
+            # MuJoCo keeps what it read, by name and time: each case is of another second.
+            second = next(times)
+            os.utime(path, (second, second))
+            return _beside(path, "c.xml", whole, load_scene)
+
+        return read
+
     return {
-        "npz": Reader(
-            "a.npz",
-            _archive(arrays),
-            lambda chance: mutations.damaged_archive(arrays, chance),
-            clip_of,
-        ),
+        "npz": archive("a.npz", arrays, clip_of),
+        "amass": archive("a.npz", poses, read_clip),
+        "body": archive("body.npz", body, lambda path: MorphBody.load(path, model)),
+        "glb": text("a.glb", samples.gltf(samples.BONES, FRAMES, binary=True), read_clip),
+        "gltf": text("a.gltf", samples.gltf(samples.BONES, FRAMES, binary=False), read_clip),
+        "session": text("s.mjsession", samples.session(clip, "c.npz"), session_of),
         "bvh": text("a.bvh", BVH, clip_of),
         "asf": text("a.asf", ASF, lambda path: _beside(path, "a.amc", AMC, clip_of)),
         "amc": text("a.amc", AMC, lambda path: _beside(path, "a.asf", ASF, clip_of, swap=True)),
@@ -101,6 +131,14 @@ def readers() -> dict[str, Reader]:
         "heights.npy": text("h.npy", _npy(), from_heights),
         "heights.png": text("h.png", _png(), from_heights),
         "mesh": text("h.obj", OBJ, from_heights),
+        **{
+            f"mesh.{kind}": text(f"h.{kind}", samples.mesh(kind), from_heights)
+            for kind in ("stl", "ply", "off", "glb")
+        },
+        "keyframe": text("s.xml", MOVING, lambda path: load_scene(path).at_rest("k")),
+        "texture": text("t.png", _png(), asset("t.png", '<texture type="2d" file="FILE"/>')),
+        "asset.obj": text("m.obj", SOLID, asset("m.obj", MESH, MESHED)),
+        "asset.stl": text("m.stl", _stl(), asset("m.stl", MESH, MESHED)),
         "options": Reader("words", b"info\0walk", _words, _parsed),
     }
 
@@ -124,7 +162,7 @@ def judged(reader: Reader, data: bytes, folder: Path) -> str:
         return f"traceback: {type(error).__name__}: {str(error)[:200]}"
     finally:
         for left in folder.iterdir():
-            if left.name != reader.name and left.name not in ("a.asf", "a.amc", "c.bvh", "c.xml"):
+            if left.name != reader.name and left.name not in BESIDE:
                 left.unlink()
                 raise AssertionError(f"left: {left.name}")
             left.unlink()
@@ -189,6 +227,15 @@ def _words(chance: random.Random) -> bytes:
             b"morph walk --key 10:legs=1.2 --out o",
             b"transition --overlap 10,20,30 --out o",
             b"rope --beam 4 --length 3 --edge 0.05 --out o",
+            b"retarget walk --to humanoid --stride scale --scene flat --keyframe k --out o",
+            b"replay s.mjsession --clip walk --out o --threshold stance_drift_mm=2",
+            b"edit walk --scene flat --port 8123 --no-open",
+            b"character --legs 1.2 --arms 0.9 --from humanoid --out o.xml",
+            b"adapt a.bvh --scene flat --in-place 1.2 --loop 3 --heading keep --out o",
+            b"join walk sneak --length 20 --levels 8,4 --ik numeric --out o",
+            b"info a.bvh --fps 30 --write-mapping m.yaml",
+            b"scene heights h.png --cell 0.1 --height 2 --scale 1 --start 1,2 --up y --out o.xml",
+            b"edit-frame walk --frame 3 --site pelvis --by 0 0 0.1 --hold frame --out o",
         )
     )
     words = line.split()
@@ -196,6 +243,12 @@ def _words(chance: random.Random) -> bytes:
         at = chance.randrange(len(words))
         words[at] = mutations.damaged(words[at], chance)
     return b"\0".join(word.replace(b"\0", b"") for word in words)
+
+
+def _stl() -> bytes:
+    import trimesh
+
+    return bytes(trimesh.creation.box().export(file_type="stl"))
 
 
 def _arrays(clip: Motion) -> dict[str, Any]:
@@ -236,82 +289,8 @@ def _png() -> bytes:
     return file.getvalue()
 
 
-_BONES = (
-    *(("Hips", "", "0 0 0"), ("Spine", "Hips", "0 20 0"), ("Neck", "Spine", "0 30 0")),
-    *(
-        ("Head", "Neck", "0 10 0"),
-        ("LeftArm", "Spine", "18 25 0"),
-        ("LeftForeArm", "LeftArm", "28 0 0"),
-    ),
-    *(("LeftHand", "LeftForeArm", "25 0 0"), ("RightArm", "Spine", "-18 25 0")),
-    *(("RightForeArm", "RightArm", "-28 0 0"), ("RightHand", "RightForeArm", "-25 0 0")),
-    *(("LeftUpLeg", "Hips", "9 -5 0"), ("LeftLeg", "LeftUpLeg", "0 -42 0")),
-    *(("LeftFoot", "LeftLeg", "0 -40 0"), ("LeftToeBase", "LeftFoot", "0 -6 14")),
-    *(("RightUpLeg", "Hips", "-9 -5 0"), ("RightLeg", "RightUpLeg", "0 -42 0")),
-    *(("RightFoot", "RightLeg", "0 -40 0"), ("RightToeBase", "RightFoot", "0 -6 14")),
-)
-
-
-def _bvh() -> str:
-    def joint(name: str, offset: str, root: bool) -> str:
-        children = [joint(n, o, False) for n, parent, o in _BONES if parent == name]
-        place = "6 Xposition Yposition Zposition" if root else "3"
-        inside = "\n".join(children) or "End Site\n{\nOFFSET 0 3 0\n}"
-        return (
-            f"{'ROOT' if root else 'JOINT'} {name}\n{{\nOFFSET {offset}\n"
-            f"CHANNELS {place} Zrotation Xrotation Yrotation\n{inside}\n}}"
-        )
-
-    rows = [
-        " ".join(["0", "93.5", f"{0.5 * n:g}", *["0.5"] * 3, *["1.5"] * (3 * len(_BONES) - 3)])
-        for n in range(FRAMES)
-    ]
-    head = f"HIERARCHY\n{joint('Hips', '0 0 0', True)}\nMOTION\nFrames: {FRAMES}\n"
-    return head + "Frame Time: 0.0333333\n" + "\n".join(rows) + "\n"
-
-
-def _asf() -> tuple[str, str]:
-    """A skeleton of the same bones under their names in such files, and its frames."""
-    bones = [":bonedata"]
-    named = [(_acclaim(name), _acclaim(parent), offset) for name, parent, offset in _BONES[1:]]
-    for number, (name, _, offset) in enumerate(named, 1):
-        x, y, z = (float(part) for part in offset.split())
-        length = (x * x + y * y + z * z) ** 0.5
-        bones.append(
-            f"begin\nid {number}\nname {name}\ndirection {x / length:.5f} {y / length:.5f}"
-            f" {z / length:.5f}\nlength {length:.4f}\naxis 0 0 0 XYZ\ndof rx ry rz\nend"
-        )
-    tree = [f"{parent} {name}" for name, parent, _ in named]
-    asf = (
-        ":version 1.10\n:name x\n:units\nmass 1\nlength 1\nangle deg\n:root\n"
-        "order TX TY TZ RX RY RZ\naxis XYZ\nposition 0 0 0\norientation 0 0 0\n"
-        + "\n".join(bones)
-        + "\n:hierarchy\nbegin\n"
-        + "\n".join(tree)
-        + "\nend\n"
-    )
-    frames = [":FULLY-SPECIFIED", ":DEGREES"]
-    for number in range(1, FRAMES + 1):
-        frames += [str(number), f"root 0 93.5 {0.5 * number:g} 0 0 0"]
-        frames += [f"{name} 1.5 1.5 1.5" for name, _, _ in named]
-    return asf, "\n".join(frames) + "\n"
-
-
-def _acclaim(name: str) -> str:
-    """The name of a bone in the CMU library: lfemur of LeftUpLeg."""
-    if name in _ACCLAIM:
-        return _ACCLAIM[name]
-    side = "Left" if name.startswith("Left") else "Right"
-    return side[0].lower() + _ACCLAIM[name.removeprefix(side)]
-
-
-_ACCLAIM = {
-    **{"Hips": "root", "Spine": "lowerback", "Neck": "lowerneck", "Head": "head"},
-    **{"Arm": "humerus", "ForeArm": "radius", "Hand": "wrist"},
-    **{"UpLeg": "femur", "Leg": "tibia", "Foot": "foot", "ToeBase": "toes"},
-}
-BVH = _bvh()
-ASF, AMC = _asf()
+BVH = samples.bvh(FRAMES)
+ASF, AMC = samples.asf(FRAMES)
 CONTACTS = """[
  {"site": "left_toe", "start": 0, "end": 4},
  {"site": "right_heel", "start": 2, "end": 9}
@@ -365,6 +344,13 @@ MODEL = """<mujoco model="m"><compiler angle="degree"/><worldbody><body name="pe
 <site name="left_heel" pos="-.05 0 -.45"/></body></body></body></worldbody></mujoco>"""
 HFIELD = """<mujoco><asset><hfield name="h" file="h.bin" size="5 5 1 .1"/></asset><worldbody>
 <geom type="hfield" hfield="h"/></worldbody></mujoco>"""
+MESH, MESHED = '<mesh name="m" file="FILE"/>', '<geom type="mesh" mesh="m"/>'
+FLOOR = '<geom type="plane" size="0 0 1"/>'
+MOVING = f"""<mujoco><worldbody>{FLOOR}<body name="b" pos="2 0 1"><freejoint name="f"/>
+<geom size=".1"/><body><joint name="h" range="-1 1" limited="true"/><geom size=".2"/></body></body>
+</worldbody><actuator><motor joint="h"/></actuator>
+<keyframe><key name="k" qpos="3 0 1 1 0 0 0 .5"/></keyframe></mujoco>"""
+SOLID = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 OBJ = "".join(
     f"v {x} {y} {0.1 * (x + y) % 0.3:.3f}\n" for y in range(4) for x in range(4)
 ) + "".join(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 from mjmotion.apps.edit import HOLDS, Hold
-from mjmotion.exceptions import SessionError, unknown_name
+from mjmotion.boundary.limits import MOST_LENGTH, MOST_RIGIDITY, at_most, real_number, shown
+from mjmotion.exceptions import MotionError, SessionError, unknown_name
 
 Vector: TypeAlias = tuple[float, float, float]
 
@@ -49,8 +50,12 @@ class Settings:
         ):
             if value not in valid:
                 raise SessionError(unknown_name(kind, value, valid))
-        if any(not factor > 0.0 for _, factor in self.rigidity):
-            raise SessionError("rigidity factors must be above 0")
+        for joint, factor in self.rigidity:
+            if not 0.0 < factor <= MOST_RIGIDITY:
+                raise SessionError(
+                    f"the rigidity of '{joint}' is {factor:g}: it must be above 0, and at most"
+                    f" {MOST_RIGIDITY:g}"
+                )
 
     @property
     def knots(self) -> tuple[float, ...]:
@@ -153,8 +158,9 @@ def from_json(value: Any, where: str) -> Edit:
     """
     entry = _object(value, where)
     kind = entry.pop("kind", None)
-    if kind not in KINDS:
-        raise SessionError(f"{where}: {unknown_name('kind', str(kind), KINDS)}")
+    if not isinstance(kind, str) or kind not in KINDS:
+        said = kind if isinstance(kind, str) else shown(kind)
+        raise SessionError(f"{where}: {unknown_name('kind', said, KINDS)}")
     entry["settings"] = settings_from_json(entry.get("settings", {}), f"{where}, settings")
     return _made(KINDS[kind], entry, where)
 
@@ -168,13 +174,16 @@ def settings_from_json(value: Any, where: str) -> Settings:
     entry = _object(value, where)
     if "rigidity" in entry:
         try:
-            entry["rigidity"] = tuple((str(name), float(by)) for name, by in entry["rigidity"])
-        except (TypeError, ValueError) as error:
+            pairs = [(name, real_number(by, "rigidity")) for name, by in entry["rigidity"]]
+            if not all(isinstance(name, str) for name, _ in pairs):
+                raise TypeError
+            entry["rigidity"] = tuple(pairs)
+        except (TypeError, ValueError, MotionError) as error:
             raise SessionError(f"{where}: rigidity must be pairs of joint and factor") from error
     return _made(Settings, entry, where)
 
 
-_READ: Mapping[str, Callable[[Any], Any]] = {
+_READ: Mapping[str, type] = {
     "site": str,
     "side": str,
     "ik": str,
@@ -196,13 +205,20 @@ def _made(kind: type[Any], entry: dict[str, Any], where: str) -> Any:
     try:
         for name, value in entry.items():
             if name in ("position", "move") and value is not None:
-                entry[name] = _vector(value)
+                entry[name] = vector(value, name)
             elif name in ("enabled", "exact") and not isinstance(value, bool):
                 raise TypeError(f"{name} must be true or false")
             elif name in _READ:
                 entry[name] = _plain(name, value)
+        lacking = [
+            field.name
+            for field in dataclasses.fields(kind)
+            if field.default is dataclasses.MISSING and field.name not in entry
+        ]
+        if lacking:
+            raise TypeError(f"it lacks {', '.join(lacking)}")
         return kind(**entry)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, MotionError) as error:
         raise SessionError(f"{where}: {error}") from error
 
 
@@ -210,14 +226,21 @@ def _plain(name: str, value: Any) -> Any:
     read = _READ[name]
     wanted = str if read is str else (int, float)
     if isinstance(value, bool) or not isinstance(value, wanted) or read(value) != value:
-        raise TypeError(f"{name} must be {'a name' if read is str else 'a number'}, not {value!r}")
+        of = {str: "a name", int: "a whole number", float: "a number"}[read]
+        raise TypeError(f"{name} must be {of}, not {shown(value)}")
     return read(value)
 
 
-def _vector(value: Any) -> Vector:
-    x, y, z = (float(one) for one in value)
-    if not all(abs(one) < 1e6 for one in (x, y, z)):
-        raise ValueError("a place must be three numbers in metres")
+def vector(value: Any, what: str) -> Vector:
+    """Return a place or a way [m] from a list of three numbers.
+
+    Raises:
+      SessionError: it is none, or beyond all bounds.
+    """
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise SessionError(f"{what} is {shown(value)}: it must be three numbers in metres")
+    x, y, z = (real_number(one, what, SessionError) for one in value)
+    at_most(max(abs(x), abs(y), abs(z)), MOST_LENGTH, f"{what} [m]", SessionError)
     return x, y, z
 
 

@@ -16,18 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from mjmotion.apps.session.edits import from_json, settings_from_json, to_json
+from mjmotion.apps.session.edits import Vector, from_json, settings_from_json, to_json, vector
 from mjmotion.apps.session.history import State
 from mjmotion.apps.session.session import EditSession
 from mjmotion.body.assets import asset_names, find_asset
 from mjmotion.body.motion import Motion
+from mjmotion.boundary.limits import MOST_EDITS, at_most, shown, whole_number
+from mjmotion.boundary.structured import read_json
 from mjmotion.boundary.whole import write_whole
-from mjmotion.exceptions import MotionError, SessionError
-from mjmotion.footsteps.contacts import Contact
+from mjmotion.exceptions import MotionError, SessionError, unknown_name
+from mjmotion.footsteps.contacts import Contact, check_contacts
 from mjmotion.output.reading import read_motion
 
 FORMAT, VERSION = "mjmotion session", 1
-MOST_BYTES = 64 << 20  # a larger file is no session [bytes]
 
 
 def clip_hash(motion: Motion) -> str:
@@ -94,15 +95,11 @@ def load_session(path: str | Path, clip: Motion | str | Path | None = None) -> E
         path = find_asset("session", path)
     value = _read(path)
     where = f"session '{path}'"
-    try:
-        named = value["clip"]
-        name, character, digest = str(named["name"]), str(named["character"]), named["sha256"]
-        scene = value["scene"]
-        state = _state(value, where)
-    except (KeyError, TypeError, ValueError) as error:
-        raise SessionError(f"{where} is damaged: {error!r}"[:300]) from error
+    name, character, digest = _named(value, where)
+    scene = value.get("scene")
     if scene is not None and not isinstance(scene, str):
         raise SessionError(f"{where}: scene must be a name or a file")
+    state = _state(value, where)
     if isinstance(clip, Motion):
         motion = clip
     else:
@@ -113,9 +110,34 @@ def load_session(path: str | Path, clip: Motion | str | Path | None = None) -> E
             " that it was made with"
         )
     found = None if scene is None else _beside(path, scene)
-    session = EditSession(motion, found, name=name, character=character)
-    session.restore(state)
+    try:
+        session = EditSession(motion, found, name=name, character=character)
+        check_contacts(state.contacts or (), motion.model, motion.nframe)
+        _check_joints(state, motion)
+        session.restore(state)
+    except MotionError as error:
+        raise SessionError(f"{where}: {error}", error.frames) from error
     return session
+
+
+def _named(value: dict[str, Any], where: str) -> tuple[str, str, str]:
+    """Return the clip's name, its character and its hash."""
+    named = value.get("clip")
+    if not isinstance(named, dict):
+        raise SessionError(f"{where}: clip is {shown(named)}: it must be an object")
+    words = [named.get(key) for key in ("name", "character", "sha256")]
+    if not all(isinstance(word, str) for word in words):
+        raise SessionError(f"{where}: clip must tell its name, character and sha256 as text")
+    name, character, digest = map(str, words)
+    return name, character, digest
+
+
+def _check_joints(state: State, motion: Motion) -> None:
+    """Refuse settings of joints that the clip's character does not have."""
+    for settings in (state.settings, *(edit.settings for edit in state.edits)):
+        for joint, _ in settings.rigidity:
+            if joint not in motion.joint_names:
+                raise SessionError(unknown_name("joint", joint, motion.joint_names))
 
 
 def _clip(where: str, name: str | Path, character: str) -> Motion:
@@ -133,14 +155,7 @@ def _beside(path: Path, name: str) -> str:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise SessionError(f"'{path}' is too large for a session")
-        value = json.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise SessionError(f"cannot read session '{path}': {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
-        raise SessionError(f"'{path}' is no session of mjmotion: it is not JSON") from error
+    value = read_json(path, "session", SessionError)
     if not isinstance(value, dict) or value.get("format") != FORMAT:
         raise SessionError(f"'{path}' is no session of mjmotion: 'format' is not '{FORMAT}'")
     if value.get("version") != VERSION:
@@ -155,16 +170,40 @@ def _state(value: dict[str, Any], where: str) -> State:
     edits = value.get("edits", [])
     if not isinstance(edits, list):
         raise SessionError(f"{where}: edits must be a list")
+    at_most(len(edits), MOST_EDITS, f"edits of {where}", SessionError)
     contacts = value.get("contacts")
-    moves = []
-    for name, by in value.get("scene_moves", []):
-        x, y, z = (float(one) for one in by)
-        moves.append((str(name), (x, y, z)))
     return State(
         edits=tuple(from_json(one, f"{where}, edit {i}") for i, one in enumerate(edits)),
-        contacts=None
-        if contacts is None
-        else tuple(Contact(str(site), int(start), int(end)) for site, start, end in contacts),
-        scene_moves=tuple(moves),
+        contacts=None if contacts is None else _contacts(contacts, where),
+        scene_moves=_moves(value.get("scene_moves", []), where),
         settings=settings_from_json(value.get("settings", {}), f"{where}, settings"),
     )
+
+
+def _contacts(value: Any, where: str) -> tuple[Contact, ...]:
+    found = []
+    for number, row in enumerate(_rows(value, 3, f"{where}: contacts", "site, start and end")):
+        site, start, end = row
+        what = f"{where}, contact {number}"
+        if not isinstance(site, str):
+            raise SessionError(f"{what}: site is {shown(site)}: it must be a name")
+        span = (whole_number(frame, f"{what}: a frame", SessionError) for frame in (start, end))
+        found.append(Contact(site, *span))
+    return tuple(found)
+
+
+def _moves(value: Any, where: str) -> tuple[tuple[str, Vector], ...]:
+    found = []
+    for name, by in _rows(value, 2, f"{where}: scene_moves", "a name and how far"):
+        if not isinstance(name, str):
+            raise SessionError(f"{where}: scene_moves has {shown(name)} for a name")
+        found.append((name, vector(by, f"{where}: the move of '{name}'")))
+    return tuple(found)
+
+
+def _rows(value: Any, width: int, what: str, of: str) -> list[list[Any]]:
+    """Return a list of lists of some width."""
+    rows: list[Any] = value if isinstance(value, list) else [None]
+    if not all(isinstance(row, list) and len(row) == width for row in rows):
+        raise SessionError(f"{what} must be a list of lists, each with {of}")
+    return rows

@@ -15,6 +15,7 @@ from mjmotion.body.kinematics import check_free_root
 from mjmotion.body.proportions.frames import BodyFrame
 from mjmotion.body.proportions.proportions import Proportions
 from mjmotion.body.proportions.scaling import Scaling
+from mjmotion.boundary.mjcf import MUJOCO_ERRORS
 from mjmotion.exceptions import ModelError, mujoco_message
 
 Array = NDArray[np.float64]
@@ -45,7 +46,7 @@ def make_character(source: CharacterLike, proportions: Proportions | None = None
             spec.compiler.settotalmass = total * _mass(spec) / _mass(_untouched(source))
         _scale_tendons(spec, before, after)
         return Character(_compile(spec, name), spec, proportions.named(name))
-    except (ValueError, mujoco.FatalError) as error:
+    except MUJOCO_ERRORS as error:
         raise ModelError(
             f"'{name}' cannot be given these proportions: {mujoco_message(error)}"
         ) from error
@@ -61,7 +62,7 @@ def _spec_of(source: CharacterLike) -> mujoco.MjSpec:
 def _compile(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
     try:
         return spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
+    except MUJOCO_ERRORS as error:
         raise ModelError(f"model '{name}' does not compile: {mujoco_message(error)}") from error
 
 
