@@ -102,7 +102,7 @@ class LocalEdit:
         qpos, closing = self._reach(qpos, problem, targets.frames, asked, far)
         if self._lets_go(targets, closing):
             if all(self._on_limb(one) for one in self.held.others):
-                closed = self._closed_levels(qpos, closing, problem, targets, (levels, tolerance), watch)
+                closed = self._closed_levels(qpos, closing, targets, (levels, tolerance), watch)
             else:
                 targets = lay_out(asks, model, self.source.nframe)
                 closed = self._levels(qpos, targets, levels, tolerance, watch)
@@ -121,7 +121,6 @@ class LocalEdit:
         self,
         qpos: Array,
         closing: Solution,
-        problem: IKProblem,
         targets: Targets,
         until: tuple[Sequence[float], float],
         watch: Stopwatch,
@@ -140,7 +139,7 @@ class LocalEdit:
             qpos = self._level(qpos, frames, partial(_onto, model, goals), apart)
             watch.level(apart, errors[-1])
             errors.append(self._off(qpos[frames], targets))
-        return qpos, problem.enforce(qpos[frames]), errors
+        return qpos, _onto(model, goals, qpos[frames]), errors
 
     def _levels(
         self,
@@ -277,8 +276,8 @@ class LocalEdit:
             rise = closing.rise
             if rise is None or not rise.any():
                 break
-            own = problem.enforce(self.source.qpos[frames]).rise if own is None else own
-            assert own is not None
+            if own is None:
+                own = self._own_rise(problem, frames, on_limbs=bool(dragged & ends))
             gives = False
             for sign in (1.0, -1.0):
                 need = np.zeros(len(qpos))
@@ -293,6 +292,22 @@ class LocalEdit:
                 break
             closing = problem.enforce(qpos[frames])
         return qpos, closing
+
+    def _own_rise(
+        self, problem: IKProblem, frames: NDArray[np.int64], on_limbs: bool
+    ) -> Array:
+        """Return how far the source's own root lacks of its limbs' reach (n,) [m]."""
+        if not on_limbs and len(self._held_rise) == len(frames):
+            return self._held_rise
+        rise = problem.enforce(self.source.qpos[frames]).rise
+        return np.zeros(len(frames)) if rise is None else rise
+
+    @cached_property
+    def _held_rise(self) -> Array:
+        """The same with what is held alone, wherever a drag goes."""
+        targets = lay_out(self.held.constraints(), self.source.model, self.source.nframe)
+        rise = self._problem(targets).enforce(self.source.qpos[targets.frames]).rise
+        return np.zeros(len(targets.frames)) if rise is None else rise
 
     def _by_posed_site(self, drag: SiteConstraint) -> SiteConstraint:
         """Return the drag of a heel or toe as that of its foot's posed site: it goes along."""
