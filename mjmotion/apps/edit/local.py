@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 ROOT_STIFFNESS = 200.0  # how much stiffer the root is after the first level, which moved it
 REACH_TIME = 0.15  # scale on which the root sinks for a limb to reach [s]
 SAME = 1e-7  # with nothing off by more, there is nothing left for a level to do [m]
+SLIGHT = 1e-4  # a limb that lacks no more of what counts as its reach is closed as it is [m]
 _REACH_ROUNDS = 2
 _EXTRA_LEVELS = 4  # at most, at the finest knots
 
@@ -284,7 +285,7 @@ class LocalEdit:
                 # Legs that were straight already are the source's own.
                 need[frames] = np.maximum(sign * rise, 0.0) - np.maximum(sign * own, 0.0)
                 need[fixed] = 0.0
-                if (need > 0.0).any():
+                if (need > SLIGHT).any():
                     give = sign * envelope(need, fixed, REACH_TIME * self.source.fps)
                     qpos[self.span.frames, 2] += give[self.span.frames]
                     gives = True
@@ -293,9 +294,7 @@ class LocalEdit:
             closing = problem.enforce(qpos[frames])
         return qpos, closing
 
-    def _own_rise(
-        self, problem: IKProblem, frames: NDArray[np.int64], on_limbs: bool
-    ) -> Array:
+    def _own_rise(self, problem: IKProblem, frames: NDArray[np.int64], on_limbs: bool) -> Array:
         """Return how far the source's own root lacks of its limbs' reach (n,) [m]."""
         if not on_limbs and len(self._held_rise) == len(frames):
             return self._held_rise

@@ -98,9 +98,7 @@ class PoseSolver:
             return pose, self._gap(pose, asked) <= REACHED
         return self._as_far(frame, whole, held, asked, own), False
 
-    def _as_far(
-        self, frame: Motion, whole: Array, held: Held, asked: Targets, own: Paths
-    ) -> Array:
+    def _as_far(self, frame: Motion, whole: Array, held: Held, asked: Targets, own: Paths) -> Array:
         """Return the pose (1, nq) furthest on the way to ``whole`` (1, nq) that keeps what is held.
 
         The limbs say how far they reach, at many places of the way at once; then heels rise that
@@ -198,9 +196,7 @@ class PoseSolver:
         if len(staying.frames) == 0 or len(staying.sites) == 0:
             return qpos
         closing = HybridIK(self.character, self.rigidity).prepare(staying).enforce(qpos)
-        return self.character.within_limits(
-            oplus(self.character.model, qpos, closing.displacement)
-        )
+        return self.character.within_limits(oplus(self.character.model, qpos, closing.displacement))
 
     def _limbs_alone(self, frame: Motion, asked: Targets) -> Array | None:
         """Return the pose (1, nq) with its limbs closed; None if they do not reach."""
