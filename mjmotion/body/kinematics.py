@@ -316,19 +316,6 @@ class Kinematics:
                 field[name] = field[name].reshape(*field[name].shape[:2], 3, 3)
         return Pose(self.model, kinds=self._kinds, **field)
 
-    def site_positions(self, qpos: Array, sites: NDArray[np.int64]) -> Array:
-        """Return where some sites (s,) of the model's own body are in poses (n, nq): (n, s, 3) [m].
-
-        For a few dozen poses at a time, again and again: nothing else is taken out.
-        """
-        model, data, kinematics = self.model, self._data, mujoco.mj_kinematics
-        found, pose, place = np.empty((len(qpos), model.nsite, 3)), data.qpos, data.site_xpos
-        for all_sites, row in zip(found, qpos, strict=True):  # MuJoCo takes one frame at a time
-            pose[:] = row
-            kinematics(model, data)
-            all_sites[:] = place
-        return found[:, sites]
-
     def _one_by_one(self, qpos: Array) -> dict[str, Array]:
         """Return the fields of poses (n, nq) of the model's own body."""
         model, data, kinematics = self.model, self._data, mujoco.mj_kinematics

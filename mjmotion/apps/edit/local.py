@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.apps.edit.hold import Held, Paths
+from mjmotion.apps.edit.one_pose import Places
 from mjmotion.apps.edit.pose import PoseSolver
 from mjmotion.apps.edit.span import Span
-from mjmotion.body.kinematics import Kinematics, body_dofs, site_id
+from mjmotion.body.kinematics import body_dofs, site_id
 from mjmotion.body.limbs import Limb
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint, Targets, lay_out
@@ -96,7 +97,9 @@ class LocalEdit:
         staying = held.constraints()
         asks = [*staying, *reached]
         nscalar = sum(one.nscalar for one in [*staying, *asked])
-        on_limbs = [*staying, *(one for one in reached if self._on_limb(one))]
+        # Of those, limbs' ends: the first level has put what is dragged elsewhere in its place.
+        ends = self.source.character.limb_by_end
+        on_limbs = [*staying, *(one for one in reached if self._body(one) in ends)]
         targets = lay_out(on_limbs, model, self.source.nframe)
         far = any(new is not old for new, old in zip(reached, asked, strict=True))
         problem = self._problem(targets)
@@ -172,11 +175,11 @@ class LocalEdit:
 
     def positions(self, qpos: Array, sites: NDArray[np.int64]) -> Array:
         """Return where sites (s,) are in poses (n, nq) of the body: (n, s, 3) [m]."""
-        return self._kinematics.site_positions(qpos, sites)
+        return self._places(qpos, sites)
 
     @cached_property
-    def _kinematics(self) -> Kinematics:
-        return Kinematics(self.source.model, self.source.nframe)
+    def _places(self) -> Places:
+        return Places(self.source.model)
 
     def _problem(self, targets: Targets) -> IKProblem:
         """Return the problem of some targets; the root, which has moved already, is stiff."""

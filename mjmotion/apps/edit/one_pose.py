@@ -25,9 +25,9 @@ from mjmotion.numerics.tangent import ominus, oplus
 
 Array = NDArray[np.float64]
 
-MET = 2e-5  # with nothing off by more, a pose is found [m, rad]
+MET = 1e-7  # with nothing off by more, a pose is found [m, rad]
 _RIDGE = 1e-9  # keeps the dual solvable where a limb is straight [m²]
-_DAMPING = 0.3  # compliance of a row that may be out of reach, over the square of what is left
+_DAMPING = 0.01  # compliance of a row that may be out of reach, over the square of what is left
 _LIMIT_TOLERANCE = 1e-9  # [rad]
 
 
@@ -59,6 +59,28 @@ def goals_of(targets: Targets, soft: bool = False) -> list[Goal]:
         )
         for column, site in enumerate(targets.sites)
     ]
+
+
+class Places:
+    """Where sites are, in a few dozen poses at a time, again and again; for one thread.
+
+    Args:
+      model: whose sites.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        self._data = mujoco.MjData(model)
+
+    def __call__(self, qpos: Array, sites: NDArray[np.int64]) -> Array:
+        """Return where sites (s,) are in poses (n, nq): (n, s, 3) [m]."""
+        model, data, kinematics = self.model, self._data, mujoco.mj_kinematics
+        found, pose, place = np.empty((len(qpos), model.nsite, 3)), data.qpos, data.site_xpos
+        for all_sites, row in zip(found, qpos, strict=True):  # MuJoCo takes one frame at a time
+            pose[:] = row
+            kinematics(model, data)
+            all_sites[:] = place
+        return found[:, sites]
 
 
 class OnePose:
