@@ -29,6 +29,7 @@ gallery: $(READY) ## the paper's figures: videos and a page of stills in out/gal
 
 test: lint ## set up, lint, type check, and run all tests
 	@.ci/opengl || true
+	@.ci/browser || true
 	$(BIN)/python -m pytest --numprocesses=auto --dist=loadfile --durations=10
 
 lint: $(READY) ## ruff and mypy

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import command_line
+import mujoco
 import numpy as np
 import pytest
 from made_up import MIXED, NOT_BESIDE_SOURCE, humanoid, loop_quats, loop_sites, mixed, some, walk
@@ -391,4 +392,38 @@ def test_bad_words(file: Path, tmp_path: Path, words: tuple, said: str) -> None:
 
 def test_the_humanoid_has_what_is_dragged() -> None:
     names = {humanoid().site(i).name for i in range(humanoid().nsite)}
-    assert {"pelvis", "head_top", "left_hand", "right_foot"} <= names
+    sides = {f"{side}_{part}" for side in ("left", "right") for part in ("hand", "elbow", "knee")}
+    assert {"pelvis", "head_top", "right_foot"} | sides <= names
+
+
+def swivelled(motion: Motion, chain: tuple[str, str, str], angle: float) -> np.ndarray:
+    """Where a limb's middle joint is when it is turned about the line through its ends (3,)."""
+    data = mujoco.MjData(motion.model)
+    data.qpos[:] = motion.qpos[FRAME]
+    mujoco.mj_kinematics(motion.model, data)
+    first, middle, last = (data.body(name).xpos for name in chain)
+    axis = (last - first) / np.linalg.norm(last - first)
+    arm = middle - first
+    turned = arm * np.cos(angle) + np.cross(axis, arm) * np.sin(angle)
+    return np.asarray(first + turned + axis * (axis @ arm) * (1.0 - np.cos(angle)))
+
+
+@pytest.mark.parametrize(
+    ("name", "chain"),
+    [
+        ("left_elbow", ("left_upper_arm", "left_forearm", "left_hand")),
+        ("right_knee", ("right_thigh", "right_shank", "right_foot")),
+    ],
+)
+def test_an_elbow_and_a_knee_go_where_they_are_dragged(
+    clip: Motion, name: str, chain: tuple[str, str, str]
+) -> None:
+    to = swivelled(clip, chain, 0.6)
+    assert np.linalg.norm(to - site(clip, name)[FRAME]) > 0.02
+    edited = edit_frame(clip, FRAME, name, to=to)
+    np.testing.assert_allclose(site(edited.motion, name)[FRAME], to, atol=1e-3)
+    for contact in edited.contacts:
+        slip = site(edited.motion, contact.site) - site(edited.source, contact.site)
+        frames = slice(contact.start, contact.end)
+        assert np.linalg.norm(slip[frames], axis=1).max() < 1e-3, contact
+    assert edited.motion.character.limits.excess(edited.motion.qpos).max() < 1e-9

@@ -32,7 +32,8 @@ def swing_twist(quat: ArrayLike) -> NDArray[np.float64]:
       (..., 3): swing_x, swing_y [rad] (rotation vector of the swing, length at most pi) and
       twist [rad] in (-pi, pi]. At a swing of exactly pi the twist is not defined and returned as 0.
     """
-    w, x, y, z = np.moveaxis(np.asarray(quat, dtype=np.float64), -1, 0)
+    quat = np.asarray(quat, dtype=np.float64)
+    w, x, y, z = quat[..., 0], quat[..., 1], quat[..., 2], quat[..., 3]
     half = np.arctan2(z, w)
     cos, sin = np.cos(half), np.sin(half)
     # q * conj(twist); its w is hypot(w, z) >= 0, so the swing's half angle is in [0, pi/2].
@@ -40,8 +41,11 @@ def swing_twist(quat: ArrayLike) -> NDArray[np.float64]:
     length = np.hypot(swing_x, swing_y)
     angle = 2 * np.arctan2(length, np.hypot(w, z))
     factor = np.where(length > 1e-12, angle / np.maximum(length, 1e-12), 2.0)
-    twist = np.pi - np.mod(np.pi - 2 * half, 2 * np.pi)
-    return np.stack([swing_x * factor, swing_y * factor, twist], axis=-1)
+    angles = np.empty((*factor.shape, 3))
+    np.multiply(swing_x, factor, out=angles[..., 0])
+    np.multiply(swing_y, factor, out=angles[..., 1])
+    np.subtract(np.pi, np.mod(np.pi - 2 * half, 2 * np.pi), out=angles[..., 2])
+    return angles
 
 
 def from_swing_twist(angles: ArrayLike) -> NDArray[np.float64]:
@@ -90,11 +94,21 @@ class JointLimits:
             for joint in self._limited
             if joint not in self.boxes and model.jnt_type[joint] == _BALL
         ]
+        self._turns = model.jnt_qposadr[list(self.boxes)][:, None] + np.arange(4)
+        self._bounds = np.array(list(self.boxes.values())).reshape(-1, 3, 2)
+        self._columns: dict[int, slice] = {}
         self.names: list[str] = []
         for joint in self._limited:
-            name = model.joint(joint).name
+            name, first = model.joint(joint).name, len(self.names)
             parts = ("swing_x", "swing_y", "twist")
             self.names += [f"{name}.{part}" for part in parts] if joint in self.boxes else [name]
+            self._columns[joint] = slice(first, len(self.names))
+        self._box_columns = self._columns_of(list(self.boxes))
+        self._straight_columns = self._columns_of(self._straight)
+
+    def _columns_of(self, joints: list[int]) -> NDArray[np.int64]:
+        every = np.arange(len(self.names))
+        return np.concatenate([every[:0], *(every[self._columns[joint]] for joint in joints)])
 
     def excess(self, qpos: ArrayLike) -> NDArray[np.float64]:
         """Return how far every limit is broken, 0 inside.
@@ -108,22 +122,22 @@ class JointLimits:
         """
         model = self.model
         qpos = np.atleast_2d(np.asarray(qpos, dtype=np.float64))
-        columns = [np.zeros((len(qpos), 0))]
-        adr = model.jnt_qposadr[list(self.boxes)][:, None] + np.arange(4)
-        turns = dict(zip(self.boxes, np.moveaxis(swing_twist(qpos[:, adr]), 1, 0), strict=True))
-        for joint in self._limited:
+        found = np.empty((len(qpos), len(self.names)))
+        # All joints of a kind at once: there are more joints than steps.
+        if self.boxes:
+            angles = swing_twist(qpos[:, self._turns])
+            over = np.maximum(self._bounds[..., 0] - angles, angles - self._bounds[..., 1])
+            found[:, self._box_columns] = over.reshape(len(qpos), -1)
+        straight = qpos[:, model.jnt_qposadr[self._straight]]
+        low, high = model.jnt_range[self._straight].T
+        found[:, self._straight_columns] = np.maximum(low - straight, straight - high)
+        for joint in self._plain_balls:
             at = model.jnt_qposadr[joint]
-            if joint in self.boxes:
-                angles = turns[joint]
-                low, high = self.boxes[joint].T
-            elif model.jnt_type[joint] == _BALL:
-                angles = _ball_angle(qpos[:, at : at + 4])[:, None]
-                low, high = np.zeros(1), model.jnt_range[joint, 1:]
-            else:
-                angles = qpos[:, at : at + 1]
-                low, high = model.jnt_range[joint, :1], model.jnt_range[joint, 1:]
-            columns.append(np.maximum(np.maximum(low - angles, angles - high), 0.0))
-        return np.concatenate(columns, axis=1)
+            angle = _ball_angle(qpos[:, at : at + 4])
+            found[:, self._columns[joint].start] = np.maximum(
+                -angle, angle - model.jnt_range[joint, 1]
+            )
+        return np.maximum(found, 0.0, out=found)
 
     def clamp(self, qpos: ArrayLike) -> NDArray[np.float64]:
         """Return ``qpos`` (nframe, nq) with every joint moved to the nearest point of its limits.
@@ -136,13 +150,12 @@ class JointLimits:
         result[:, columns] = np.clip(result[:, columns], *model.jnt_range[self._straight].T)
         if self.boxes:
             # All boxes at once: frames are many and joints few, and most are inside.
-            adr = model.jnt_qposadr[list(self.boxes)][:, None] + np.arange(4)
-            bounds = np.stack(list(self.boxes.values()))
-            angles = swing_twist(result[:, adr])
-            inside = np.clip(angles, bounds[:, :, 0], bounds[:, :, 1])
+            angles = swing_twist(result[:, self._turns])
+            inside = np.minimum(np.maximum(angles, self._bounds[..., 0]), self._bounds[..., 1])
             frame, ball = np.nonzero((inside != angles).any(axis=2))
-            where = (frame[:, None], adr[ball])
-            result[where] = _same_side(from_swing_twist(inside[frame, ball]), result[where])
+            if len(frame):
+                where = (frame[:, None], self._turns[ball])
+                result[where] = _same_side(from_swing_twist(inside[frame, ball]), result[where])
         for joint in self._plain_balls:
             quat = result[:, model.jnt_qposadr[joint] : model.jnt_qposadr[joint] + 4]
             angle, most = _ball_angle(quat), model.jnt_range[joint, 1]

@@ -138,6 +138,19 @@ class Motion:
         """Return the same motion with other frames; ``qpos`` (nframe, nq)."""
         return Motion(self.character, qpos, self.fps)
 
+    def put(self, qpos: Array) -> Motion:
+        """Return the same motion with frames (nframe, nq) that are known to be good.
+
+        For frames that come of a motion's own and are checked, or looked at, no further: they are
+        neither checked nor normalised nor copied, so the array must stay as it is.
+        """
+        moved = object.__new__(Motion)
+        frames = qpos.view()
+        frames.flags.writeable = False
+        for name, value in (("character", self.character), ("qpos", frames), ("fps", self.fps)):
+            object.__setattr__(moved, name, value)
+        return moved
+
     def on(self, character: CharacterLike) -> Motion:
         """Return the motion on the same body elsewhere, such as with a scene added.
 

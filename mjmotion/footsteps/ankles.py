@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mjmotion.body.feet import Foot
 from mjmotion.body.joint_limits import from_swing_twist, swing_twist
 from mjmotion.body.kinematics import site_id
-from mjmotion.body.limbs import Limbs
+from mjmotion.body.limbs import Limbs, LimbState
 from mjmotion.body.motion import Motion
 from mjmotion.footsteps.contacts import Contact, contact_mask
 from mjmotion.footsteps.footholds import Foothold, Stance
@@ -60,22 +60,32 @@ def relax_ankles(
       source: what says how far ankles are bent anyway; ``motion`` without.
     """
     source = motion if source is None else source
-    given: list[FootPath] = []
-    left = list(contacts)
-    for foot, path in zip(feet, paths, strict=True):
-        limb = motion.character.limb_by_end.get(foot.body)
-        if limb is not None:
-            limbs = motion.character.chains((limb,))
-            heel = contact_mask(left, f"{foot.side}_heel", motion.nframe)
-            flat, box = path, _ankle_box(source, foot)
-            for _ in range(_ROUNDS):
-                turned = None if box is None else _turn_back(motion, limbs, foot, path, (heel, box))
-                if turned is None:
-                    break
-                path = turned
-            if path is not flat:
-                left = trim_heel_contacts(left, foot, flat, path, SHORTEST * motion.fps)
-        given.append(path)
+    ends = motion.character.limb_by_end
+    given, left = list(paths), list(contacts)
+    boxes = [_ankle_box(source, foot) if foot.body in ends else None for foot in feet]
+    numbers = [number for number, box in enumerate(boxes) if box is not None]
+    if not numbers:
+        return tuple(given), tuple(left)
+    mine = [feet[number] for number in numbers]
+    limbs = motion.character.chains(tuple(ends[foot.body] for foot in mine))
+    state = limbs.state(motion.qpos)
+    turning = dict.fromkeys(numbers, True)
+    for _ in range(_ROUNDS):
+        ankles = _ankles(limbs, state, mine, [given[number] for number in numbers])
+        for column, number in enumerate(numbers):
+            foot, box = feet[number], boxes[number]
+            if box is None or not turning[number]:
+                continue
+            heel = contact_mask(contacts, f"{foot.side}_heel", motion.nframe)
+            allowed = (heel, box)
+            turned = _turn_back(motion, foot, given[number], ankles[:, column], allowed)
+            turning[number] = turned is not None
+            given[number] = given[number] if turned is None else turned
+        if not any(turning.values()):
+            break
+    for foot, flat, path in zip(feet, paths, given, strict=True):
+        if path is not flat:
+            left = trim_heel_contacts(left, foot, flat, path, SHORTEST * motion.fps)
     return tuple(given), tuple(left)
 
 
@@ -102,7 +112,7 @@ def turned_footholds(
         limb, box = motion.character.limb_by_end.get(foot.body), _ankle_box(motion, foot)
         if limb is None or box is None:
             continue
-        twist = _ankles(motion, motion.character.chains((limb,)), foot, path)[:, 2]
+        twist = _ankle(motion, foot, path)[:, 2]
         over, under = twist - box[:, 2, 3], box[:, 2, 2] - twist
         for number, stance in enumerate(stances):
             if stance.foot != index or stance.heel[1] == stance.heel[0]:
@@ -139,7 +149,7 @@ def flat_landings(
         limb, box = motion.character.limb_by_end.get(foot.body), _ankle_box(motion, foot)
         if limb is None or box is None:
             continue
-        ankle = _ankles(motion, motion.character.chains((limb,)), foot, path)
+        ankle = _ankle(motion, foot, path)
         beyond = np.any((ankle < box[..., 2]) | (ankle > box[..., 3]), axis=1)
         for number, stance in enumerate(stances):
             (heel, off), (toe, end) = stance.heel, stance.toe
@@ -149,16 +159,25 @@ def flat_landings(
     return tuple(landed)
 
 
-def _ankles(motion: Motion, limbs: Limbs, foot: Foot, path: FootPath) -> Array:
+def _ankle(motion: Motion, foot: Foot, path: FootPath) -> Array:
     """Return how an ankle is bent (nframe, 3) [rad] where its foot is as its path says."""
-    model = motion.model
-    site = site_id(model, foot.site)
-    state = limbs.state(motion.qpos)
-    end_quat = multiply(path.quat, conjugate(model.site_quat[site]))
-    goal = limbs.goal(state, path.position[:, None], end_quat[:, None], model.site_pos[site][None])
-    end = multiply(conjugate(state.base_quat), end_quat[:, None])
+    limbs = motion.character.chains((motion.character.limb_by_end[foot.body],))
+    return _ankles(limbs, limbs.state(motion.qpos), [foot], [path])[:, 0]
+
+
+def _ankles(
+    limbs: Limbs, state: LimbState, feet: Sequence[Foot], paths: Sequence[FootPath]
+) -> Array:
+    """Return the same of all feet (nframe, nfoot, 3), the limbs' own, in their order."""
+    model = limbs.model
+    sites = [site_id(model, foot.site) for foot in feet]
+    position = np.stack([path.position for path in paths], axis=1)
+    quat = np.stack([path.quat for path in paths], axis=1)
+    end_quat = multiply(quat, conjugate(model.site_quat[sites]))
+    goal = limbs.goal(state, position, end_quat, model.site_pos[sites])
+    end = multiply(conjugate(state.base_quat), end_quat)
     displacement = limbs.close(state, goal, end)
-    return swing_twist(limbs.ankle_turn(state, displacement)[:, 0])
+    return swing_twist(limbs.ankle_turn(state, displacement))
 
 
 def _ankle_box(source: Motion, foot: Foot) -> Array | None:
@@ -184,19 +203,18 @@ def _ankle_box(source: Motion, foot: Foot) -> Array | None:
 
 def _turn_back(
     motion: Motion,
-    limbs: Limbs,
     foot: Foot,
     path: FootPath,
+    ankle: Array,
     allowed: tuple[NDArray[np.bool_], Array],
 ) -> FootPath | None:
-    """Turn a path back by what its ankle lacks; None when it lacks nothing.
+    """Turn a path back by what its ankle (nframe, 3) [rad] lacks; None when it lacks nothing.
 
     ``allowed`` is when the heel stands (nframe,) and how far the ankle may bend (nframe, 3, 4).
     What lacks while the heel stands is felt a little before and after; what lacks elsewhere takes
     no heel off the ground.
     """
     model, (heel, box) = motion.model, allowed
-    ankle = _ankles(motion, limbs, foot, path)
     low, high = box[..., 0], box[..., 1]
     if not ((ankle < box[..., 2]) | (ankle > box[..., 3])).any():
         return None

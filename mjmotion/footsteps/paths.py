@@ -170,11 +170,12 @@ def turned_about_toes(path: FootPath, foot: Foot, quat: Array) -> FootPath:
     toes = path.toes + pitch_between(path.quat, quat)
     # What the toes give less than asked, before and after, is rolled over their tip.
     lacks = [bend - foot.toes.settled(bend) for bend in (path.toes, toes)]
-    tip = foot.front[None]
-    wanted, given = (
-        foot.toes.turned(tip, bend)[:, 0] for bend in (toes - lacks[0], toes - lacks[1])
-    )
-    position = position + rotate(quat, wanted - given)
+    if (lacks[0] != lacks[1]).any():
+        tip = foot.front[None]
+        wanted, given = (
+            foot.toes.turned(tip, bend)[:, 0] for bend in (toes - lacks[0], toes - lacks[1])
+        )
+        position = position + rotate(quat, wanted - given)
     return dataclasses.replace(path, position=position, quat=quat, toes=toes)
 
 

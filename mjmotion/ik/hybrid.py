@@ -35,7 +35,7 @@ from mjmotion.constraints.shared_targets import Sensitivity
 from mjmotion.ik.body import Base, Reduced
 from mjmotion.ik.edges import Edges, find_edges, same
 from mjmotion.ik.numeric import NumericIK
-from mjmotion.ik.rise import REACH_SHARE, rise_to_reach
+from mjmotion.ik.rise import REACH_SHARE, rises_to_reach
 from mjmotion.ik.solver import Clearance, Deviation, Solution, default_rigidity
 from mjmotion.numerics.rotations import conjugate, dot, exp, log, multiply, norm, rotate
 
@@ -162,8 +162,8 @@ class HybridProblem:
             goal, end, error = self._goals(limbs, state)
             step = limbs.close(state, goal, end)
             displacement[:, limbs.dofs.ravel()] = step.reshape(len(qpos), -1)
-            rise = rise_to_reach(limbs, state, goal, self._mine.position_weight > 0.0)
-            standing = rise_to_reach(limbs, state, goal, self._mine.contact)
+            counts = (self._mine.position_weight > 0.0, self._mine.contact)
+            rise, standing = rises_to_reach(limbs, state, goal, counts)
         rows = np.flatnonzero(self._other)
         if len(rows):
             few = self._numeric.at(rows).enforce(qpos[rows])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,13 +22,31 @@ def rise_to_reach(limbs: Limbs, state: LimbState, goal: Array, counts: NDArray[n
 
     ``counts`` (n, nlimb) are the limbs that it does so for: one that is only turned asks nothing.
     """
-    rise = np.zeros(len(goal))
+    return rises_to_reach(limbs, state, goal, (counts,))[0]
+
+
+def rises_to_reach(
+    limbs: Limbs, state: LimbState, goal: Array, counts: Sequence[NDArray[np.bool_]]
+) -> list[Array]:
+    """Return :func:`rise_to_reach` for several choices of limbs."""
     square = dot(goal, goal)
     reach = np.broadcast_to(REACH_SHARE * limbs.reach, square.shape)
     fold = np.broadcast_to(FOLD_SHARE * limbs.fold, square.shape)
     far = square > reach * reach
     wanting = far | (square < fold * fold)
-    rows, which = np.nonzero(wanting & counts)
+    lengths = (far, reach, fold)
+    return [_rise(state, goal, np.nonzero(wanting & mine), lengths) for mine in counts]
+
+
+def _rise(
+    state: LimbState,
+    goal: Array,
+    wanting: tuple[NDArray[np.int64], ...],
+    lengths: tuple[NDArray[np.bool_], Array, Array],
+) -> Array:
+    """Return the rise (n,) [m] for limbs that want for reach or room."""
+    rise = np.zeros(len(goal))
+    (rows, which), (far, reach, fold) = wanting, lengths
     if len(rows):
         base_quat = np.broadcast_to(state.base_quat, (*goal.shape[:2], 4))
         apart = rotate(base_quat[rows, which], goal[rows, which])

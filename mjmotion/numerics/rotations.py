@@ -14,6 +14,11 @@ _TINY = 1e-12
 _CONJUGATE = np.array((1.0, -1.0, -1.0, -1.0))
 # Axis orders that put the first axis last; numpy.moveaxis takes longer than the sums around it.
 _LAST = {ndim: (*range(1, ndim), 0) for ndim in range(1, 7)}
+_FIRST = {ndim: (ndim - 1, *range(ndim - 1)) for ndim in range(1, 7)}
+FEW = 256  # up to so many numbers a component, calls of NumPy take longer than the sums in them
+# Of a quaternion product: which component of b meets x, y and z of a, and with which sign.
+_MEETS = np.array(((1, 0, 3, 2), (2, 3, 0, 1), (3, 2, 1, 0)))
+_SIGNS = np.array(((-1.0, 1.0, -1.0, 1.0), (-1.0, 1.0, 1.0, -1.0), (-1.0, -1.0, 1.0, 1.0)))
 
 
 def _join(*parts: Array) -> Array:
@@ -35,6 +40,49 @@ def _parts(count: int, shape: tuple[int, ...]) -> tuple[Array, list[Array]]:
     """
     joined = np.empty((count, *shape))
     return joined.transpose(_LAST[joined.ndim]), [joined[index, ...] for index in range(count)]
+
+
+def _leading(vector: Array, ndim: int) -> Array:
+    """Return a view with components first, of so many dimensions."""
+    if vector.ndim < ndim:
+        vector = vector.reshape((1,) * (ndim - vector.ndim) + vector.shape)
+    return vector.transpose(_FIRST[ndim])
+
+
+def _multiply_few(a: Array, b: Array) -> Array:
+    """Return the product of few quaternions, to the bit that of :func:`multiply`, sooner."""
+    ndim = max(a.ndim, b.ndim)
+    a, b = _leading(a, ndim), _leading(b, ndim)
+    meets = b[_MEETS]
+    meets *= _SIGNS.reshape(3, 4, *(1,) * (ndim - 1))
+    product = a[0] * b
+    terms = a[1:, None] * meets
+    for term in terms:
+        product += term
+    return product.transpose(_LAST[ndim])
+
+
+def _rotate_few(quat: Array, vector: Array) -> Array:
+    """Return few vectors turned, to the bit those of :func:`rotate`, sooner.
+
+    With its first two components again after the last, a cross product is of slices.
+    """
+    ndim = max(quat.ndim, vector.ndim)
+    quat, vector = _leading(quat, ndim), _leading(vector, ndim)
+    axis, given = np.empty((5, *quat.shape[1:])), np.empty((5, *vector.shape[1:]))
+    axis[:3], axis[3:] = quat[1:], quat[1:3]
+    given[:3], given[3:] = vector, vector[:2]
+    twice = axis[1:4] * given[2:5]
+    twice -= axis[2:5] * given[1:4]
+    twice *= 2.0
+    again = np.empty((5, *twice.shape[1:]))
+    again[:3], again[3:] = twice, twice[:2]
+    turned = quat[0] * twice
+    turned += given[:3]
+    more = axis[1:4] * again[2:5]
+    more -= axis[2:5] * again[1:4]
+    turned += more
+    return turned.transpose(_LAST[ndim])
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -68,6 +116,8 @@ def conjugate(quat: Array) -> Array:
 
 def multiply(a: Array, b: Array) -> Array:
     """Return the quaternion product a b: first b, then a."""
+    if a.size <= 4 * FEW and b.size <= 4 * FEW:
+        return _multiply_few(a, b)
     aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
     bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
     first = aw * bw
@@ -92,6 +142,8 @@ def multiply(a: Array, b: Array) -> Array:
 
 def rotate(quat: Array, vector: Array) -> Array:
     """Return vectors turned by unit quaternions."""
+    if quat.size <= 4 * FEW and vector.size <= 3 * FEW:
+        return _rotate_few(quat, vector)
     w, x, y, z = quat[..., 0], quat[..., 1], quat[..., 2], quat[..., 3]
     a, b, c = vector[..., 0], vector[..., 1], vector[..., 2]
     i = y * c

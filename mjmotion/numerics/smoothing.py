@@ -22,7 +22,8 @@ _DIFFERENCES = (
 )
 _CIRCLES = 6  # times that paying for what is broken may break no fewer bounds
 _ROUNDS = 60
-_HALVINGS = 12
+_POSITIONS = 12  # of the least along a direction that are tried
+_FLAT = 1e-4  # share of the first slope that counts as none
 _SETTLED = 1e-7  # a Newton step this small ends the search [m]
 _RAISES = 8
 _STIFF = 30.0  # penalty for a curve below what is needed, against its own stiffness
@@ -306,17 +307,38 @@ def _newton(priced: _Priced, start: Array) -> Array:
         direction = priced.solve(priced.broken(curve)) - curve
         if np.abs(direction).max() < _SETTLED:
             break
-        # Along the direction the slope only grows: halve towards where it crosses zero.
-        slope = priced.slope(curve, direction)
-        low, high, length = 0.0, 1.0, 1.0
-        for _ in range(_HALVINGS):
-            falling = slope(length) < 0.0
-            if falling and length == 1.0:
-                break
-            low, high = (length, high) if falling else (low, length)
-            length = 0.5 * (low + high)
+        length = _where_flat(priced.slope(curve, direction))
         curve = curve + length * direction
     return curve
+
+
+def _where_flat(slope: Callable[[float], float]) -> float:
+    """Return where in (0, 1] a slope that only grows from below 0 is 0, or 1 where it is not.
+
+    By false positions, the older end's slope halved where it stays (Illinois): it is straight but
+    for a few bends.
+    """
+    low, high, above = 0.0, 1.0, slope(1.0)
+    if above <= 0.0:
+        return 1.0
+    first = below = slope(0.0)
+    side, length = 0, 1.0
+    for _ in range(_POSITIONS):
+        if below >= 0.0:
+            break
+        length = high - above * (high - low) / (above - below)
+        at = slope(length)
+        if abs(at) <= _FLAT * abs(first):
+            break
+        if at > 0.0:
+            high, above = length, at
+            below *= 0.5 if side > 0 else 1.0
+            side = 1
+        else:
+            low, below = length, at
+            above *= 0.5 if side < 0 else 1.0
+            side = -1
+    return length
 
 
 def _penalised(

@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.apps.edit.hold import Held, Paths
+from mjmotion.apps.edit.one_pose import Places
 from mjmotion.apps.edit.pose import PoseSolver
 from mjmotion.apps.edit.span import Span
-from mjmotion.body.kinematics import body_dofs, site_id, site_positions
+from mjmotion.body.kinematics import body_dofs, site_id
 from mjmotion.body.limbs import Limb
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint, Targets, lay_out
-from mjmotion.constraints.unmet import residuals
 from mjmotion.fitting import Trace, run_level
 from mjmotion.fitting.levels import BETTER
 from mjmotion.fitting.trace import Stopwatch
@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 ROOT_STIFFNESS = 200.0  # how much stiffer the root is after the first level, which moved it
 REACH_TIME = 0.15  # scale on which the root sinks for a limb to reach [s]
 SAME = 1e-7  # with nothing off by more, there is nothing left for a level to do [m]
+SLIGHT = 1e-4  # a limb that lacks no more of what counts as its reach is closed as it is [m]
 _REACH_ROUNDS = 2
 _EXTRA_LEVELS = 4  # at most, at the finest knots
 
@@ -91,26 +92,58 @@ class LocalEdit:
             watch.level(levels[0], before)
         held = self.held
         if not np.array_equal(qpos[:, :7], self.source.qpos[:, :7]) or self._moves_feet(asked):
-            held = held.relaxed(self.source.replace(qpos), span.fade, self._own_paths)
+            held = held.relaxed(self.source.put(qpos), span.fade, self._own_paths)
         # The drags go on to hold what was reached: what is out of reach must not pull again.
-        asks = [*held.constraints(), *reached]
-        nscalar = sum(one.nscalar for one in [*held.constraints(), *asked])
-        on_limbs = [*held.constraints(), *(one for one in reached if self._on_limb(one))]
+        staying = held.constraints()
+        asks = [*staying, *reached]
+        nscalar = sum(one.nscalar for one in [*staying, *asked])
+        # Of those, limbs' ends: the first level has put what is dragged elsewhere in its place.
+        ends = self.source.character.limb_by_end
+        on_limbs = [*staying, *(one for one in reached if self._body(one) in ends)]
         targets = lay_out(on_limbs, model, self.source.nframe)
         far = any(new is not old for new, old in zip(reached, asked, strict=True))
-        qpos, closing = self._reach(qpos, self._problem(targets), targets.frames, asked, far)
+        problem = self._problem(targets)
+        qpos, closing = self._reach(qpos, problem, targets.frames, asked, far)
         if self._lets_go(targets, closing):
-            if any(not self._on_limb(one) for one in self.held.others):
+            if all(self._on_limb(one) for one in self.held.others):
+                closed = self._closed_levels(qpos, closing, targets, (levels, tolerance), watch)
+            else:
                 targets = lay_out(asks, model, self.source.nframe)
-            qpos, closing, errors = self._levels(qpos, targets, levels, tolerance, watch)
+                closed = self._levels(qpos, targets, levels, tolerance, watch)
+            qpos, closing, errors = closed
         else:
             # Closing follows the body as smoothly as the body moves: splines have nothing to do.
             errors = [float(closing.error.max(initial=0.0))]
         if exact:
             qpos[targets.frames] = oplus(model, qpos[targets.frames], closing.displacement)
-        moved = with_toes(self.source.replace(self._within_limits(qpos)), held.paths)
-        left = float(residuals(moved, targets).max(initial=0.0))
+        bent = with_toes(self.source.put(self._within_limits(qpos)), held.paths)
+        moved = self.source.replace(bent.qpos)
+        left = self._off(moved.qpos[targets.frames], targets)
         return moved, held, watch.trace(errors[-1], left, nscalar)
+
+    def _closed_levels(
+        self,
+        qpos: Array,
+        closing: Solution,
+        targets: Targets,
+        until: tuple[Sequence[float], float],
+        watch: Stopwatch,
+    ) -> tuple[Array, Solution, list[float]]:
+        """Return poses after the levels, what closes them, and the errors before each [m].
+
+        The body is where the first level put it, and stays: the limbs' poses that every level goes
+        towards are known before the first of them.
+        """
+        model, frames = self.source.model, targets.frames
+        goals = oplus(model, qpos[frames], closing.displacement)
+        errors = [float(closing.error.max(initial=0.0))]
+        watch.start()
+        levels, tolerance = until
+        while (apart := _next_level(levels, len(watch), errors, tolerance)) is not None:
+            qpos = self._level(qpos, frames, partial(_onto, model, goals), apart)
+            watch.level(apart, errors[-1])
+            errors.append(self._off(qpos[frames], targets))
+        return qpos, _onto(model, goals, qpos[frames]), errors
 
     def _levels(
         self,
@@ -120,14 +153,12 @@ class LocalEdit:
         tolerance: float,
         watch: Stopwatch,
     ) -> tuple[Array, Solution, list[float]]:
-        """Return poses after the levels, what closes them, and the errors before each [m]."""
+        """Return the same where more than limbs is held, and the body moves on with each level."""
         problem, frames = self._problem(targets), targets.frames
         watch.start()
         last, errors = None, []
-        on_limbs = all(self._on_limb(one) for one in self.held.others)
         while True:
-            # The body is where the first level put it; only where more of it is held it moves on.
-            last = problem.enforce(qpos[frames]) if on_limbs else problem.solve(qpos[frames], last)
+            last = problem.solve(qpos[frames], last)
             errors.append(float(last.error.max(initial=0.0)))
             frames_per_knot = _next_level(levels, len(watch), errors, tolerance)
             if frames_per_knot is None:
@@ -135,6 +166,20 @@ class LocalEdit:
             qpos = self._level(qpos, frames, partial(_answered, last), frames_per_knot)
             watch.level(frames_per_knot, errors[-1])
         return qpos, problem.enforce(qpos[frames]), errors
+
+    def _off(self, qpos: Array, targets: Targets) -> float:
+        """Return how far the worst site of poses (n, nq) at the targets' frames is off [m]."""
+        gap = targets.position - self.positions(qpos, targets.sites)
+        far = np.einsum("nsi,nsi->ns", gap, gap) * (targets.position_weight > 0.0)
+        return float(np.sqrt(far.max(initial=0.0)))
+
+    def positions(self, qpos: Array, sites: NDArray[np.int64]) -> Array:
+        """Return where sites (s,) are in poses (n, nq) of the body: (n, s, 3) [m]."""
+        return self._places(qpos, sites)
+
+    @cached_property
+    def _places(self) -> Places:
+        return Places(self.source.model)
 
     def _problem(self, targets: Targets) -> IKProblem:
         """Return the problem of some targets; the root, which has moved already, is stiff."""
@@ -183,20 +228,28 @@ class LocalEdit:
         """Return the edited frame's pose (1, nq), drags to where it came, and how far that was."""
         model, (alone, held, own) = self.source.model, self._alone
         drags = [dataclasses.replace(drag, frames=np.zeros(1, np.int64)) for drag in asked]
-        solver = PoseSolver.of(self.source.character, [one.site for one in asked], self.rigidity)
-        pose, share = solver.drag(alone, held, drags, own)
-        sites = np.array([site_id(model, drag.site) for drag in asked])
-        was = site_positions(model, alone.qpos, sites)[0]
+        names = tuple(one.site for one in asked)
+        if names not in self._solvers:
+            self._solvers[names] = PoseSolver.of(self.source.character, names, self.rigidity)
+        solver = self._solvers[names]
+        sites = np.array([site_id(model, name) for name in names])
+        was = solver.positions(alone.qpos, sites)
+        pose, there = solver.drag(alone, held, drags, own)
         wanted = np.concatenate([np.asarray(one.position) for one in drags])
         way = float(np.linalg.norm(wanted - was, axis=1).max())
-        if share == 1.0:
+        if there:
             return pose, list(asked), way
-        came = site_positions(model, pose, sites)[0]
+        came = solver.positions(pose, sites)
         reached = [
             dataclasses.replace(drag, position=position)
             for drag, position in zip(asked, came, strict=True)
         ]
         return pose, reached, way
+
+    @cached_property
+    def _solvers(self) -> dict[tuple[str, ...], PoseSolver]:
+        """Solvers of the edited frame by what is dragged: drags go on with the same sites."""
+        return {}
 
     def _reach(
         self,
@@ -227,15 +280,15 @@ class LocalEdit:
             rise = closing.rise
             if rise is None or not rise.any():
                 break
-            own = problem.enforce(self.source.qpos[frames]).rise if own is None else own
-            assert own is not None
+            if own is None:
+                own = self._own_rise(problem, frames, on_limbs=bool(dragged & ends))
             gives = False
             for sign in (1.0, -1.0):
                 need = np.zeros(len(qpos))
                 # Legs that were straight already are the source's own.
                 need[frames] = np.maximum(sign * rise, 0.0) - np.maximum(sign * own, 0.0)
                 need[fixed] = 0.0
-                if (need > 0.0).any():
+                if (need > SLIGHT).any():
                     give = sign * envelope(need, fixed, REACH_TIME * self.source.fps)
                     qpos[self.span.frames, 2] += give[self.span.frames]
                     gives = True
@@ -244,6 +297,20 @@ class LocalEdit:
             closing = problem.enforce(qpos[frames])
         return qpos, closing
 
+    def _own_rise(self, problem: IKProblem, frames: NDArray[np.int64], on_limbs: bool) -> Array:
+        """Return how far the source's own root lacks of its limbs' reach (n,) [m]."""
+        if not on_limbs and len(self._held_rise) == len(frames):
+            return self._held_rise
+        rise = problem.enforce(self.source.qpos[frames]).rise
+        return np.zeros(len(frames)) if rise is None else rise
+
+    @cached_property
+    def _held_rise(self) -> Array:
+        """The same with what is held alone, wherever a drag goes."""
+        targets = lay_out(self.held.constraints(), self.source.model, self.source.nframe)
+        rise = self._problem(targets).enforce(self.source.qpos[targets.frames]).rise
+        return np.zeros(len(targets.frames)) if rise is None else rise
+
     def _by_posed_site(self, drag: SiteConstraint) -> SiteConstraint:
         """Return the drag of a heel or toe as that of its foot's posed site: it goes along."""
         feet = [foot for foot in self.held.feet if foot.body == self._body(drag)]
@@ -251,7 +318,7 @@ class LocalEdit:
             return drag
         frame = self.source.qpos[self.span.frame : self.span.frame + 1]
         sites = np.array([site_id(self.source.model, name) for name in (drag.site, feet[0].site)])
-        here, posed = site_positions(self.source.model, frame, sites)[0]
+        here, posed = self.positions(frame, sites)[0]
         return dataclasses.replace(drag, site=feet[0].site, position=drag.position + (posed - here))
 
     def _moves_feet(self, asked: Sequence[SiteConstraint]) -> bool:

@@ -66,7 +66,7 @@ class Window:
             tuple(contacts),
             low,
             high,
-            motion.replace(motion.qpos[low:high]),
+            motion.put(motion.qpos[low:high]),
             within,
             part,
             tuple(one for old in pinned if (one := _within(old, low, high)) is not None),
@@ -87,14 +87,14 @@ class Window:
         qpos = np.array(self.whole.qpos)
         qpos[self.low : self.high] = edited.qpos
         if tuple(contacts) == self.contacts:
-            return self.whole.replace(qpos), self.all_contacts
+            return self.whole.put(qpos), self.all_contacts
         sites = {one.site for one in (*self.all_contacts, *contacts)}
         found = []
         for site in sorted(sites):
             mask = contact_mask(self.all_contacts, site, self.whole.nframe)
             mask[self.low : self.high] = contact_mask(contacts, site, edited.nframe)
             found += _runs(site, mask)
-        return self.whole.replace(qpos), tuple(sorted(found, key=lambda one: (one.start, one.site)))
+        return self.whole.put(qpos), tuple(sorted(found, key=lambda one: (one.start, one.site)))
 
 
 def _within(one: SiteConstraint, low: int, high: int) -> SiteConstraint | None:

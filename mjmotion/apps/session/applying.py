@@ -163,15 +163,15 @@ def _made(
     """Return the step after an edit that asks for sites at places."""
     mine = window.constraints(asked)
     moved, held, trace = local.run(mine, settings.knots, TOLERANCE, settings.exact)
-    reached = window.whole_constraints([_reached(one, moved) for one in mine])
+    reached = window.whole_constraints([_reached(one, moved, local) for one in mine])
     whole, contacts = window.put_back(moved, held.contacts)
     return Step(whole, contacts, (*pinned, *reached), trace, window.low + window.span.frames)
 
 
-def _reached(asked: SiteConstraint, moved: Motion) -> SiteConstraint:
+def _reached(asked: SiteConstraint, moved: Motion, local: LocalEdit) -> SiteConstraint:
     """Return a constraint on where its site came: what is out of reach must not pull again."""
     site = np.array([site_id(moved.model, asked.site)])
-    place = site_positions(moved.model, moved.qpos[asked.frames], site)[:, 0]
+    place = local.positions(moved.qpos[asked.frames], site)[:, 0]
     wanted = np.asarray(asked.position)
     off = np.linalg.norm(place - wanted, axis=1) > TOLERANCE
     return dataclasses.replace(asked, position=np.where(off[:, None], place, wanted))
