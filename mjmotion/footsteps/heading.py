@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from mjmotion.body.motion import Motion
 from mjmotion.footsteps.footholds import Foothold
-from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 
 Array = NDArray[np.float64]
 
@@ -50,12 +49,7 @@ def set_off(clip: Motion) -> Motion:
     way = heading(clip)
     if way is None or abs(way) <= AHEAD:
         return clip
-    qpos = np.array(clip.qpos)
-    turn = yaw_quat(np.full(len(qpos), -way))
-    first = qpos[0, :3].copy()
-    qpos[:, :3] = rotate(turn, qpos[:, :3] - first) + first
-    qpos[:, 3:7] = multiply(turn, qpos[:, 3:7])
-    return clip.replace(qpos)
+    return clip.moved(-way, clip.qpos[0, :3], np.zeros(3))
 
 
 def never_met(root_path: Array, footholds: Sequence[Foothold], scene: mujoco.MjModel) -> bool:

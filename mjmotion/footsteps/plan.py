@@ -39,7 +39,7 @@ from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
 from mjmotion.ik import IKSolver
-from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
+from mjmotion.numerics.rotations import multiply, yaw_quat
 from mjmotion.scene import Scene
 
 Array = NDArray[np.float64]
@@ -88,11 +88,7 @@ class Plan:
 
 def place(clip: Motion, scene: Scene) -> Motion:
     """Return the clip moved to the scene's start: its origin there, its +x along the start's."""
-    qpos = np.array(clip.qpos)
-    turn = yaw_quat(np.full(len(qpos), scene.start_yaw))
-    qpos[:, :3] = rotate(turn, qpos[:, :3]) + scene.start_pos
-    qpos[:, 3:7] = multiply(turn, qpos[:, 3:7])
-    return clip.replace(qpos)
+    return clip.moved(scene.start_yaw, np.zeros(3), scene.start_pos)
 
 
 def make_plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = None) -> Plan:
