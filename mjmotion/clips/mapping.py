@@ -16,10 +16,12 @@ from mjmotion.clips.dimensions import HumanoidDimensions
 from mjmotion.clips.foot_noise import steady_turns
 from mjmotion.clips.foot_planting import plant_feet, toe_bend
 from mjmotion.clips.floor import find_floor
+from mjmotion.clips.joint_noise import quieted
 from mjmotion.clips.recorded import keep_recording
 from mjmotion.clips.recorded_feet import RecordedFoot, find_stances, without_raised
 from mjmotion.clips.rig import SIDES, Rig, find_rig
 from mjmotion.clips.skeleton import Clip
+from mjmotion.clips.standing import point_noise
 from mjmotion.clips.upright import (
     UP,
     UprightClip,
@@ -90,13 +92,21 @@ def map_clip(
     clip, dropped = drop_rest_frame(clip)
     recorded = make_upright(clip, rig, humanoid.leg)
     clip, mended = mend_glitches(clip)
-    source = make_upright(clip, rig, humanoid.leg) if mended else recorded
-    odd = (*rig.notes, *(note for note in (dropped, mended) if note))
+    clip, quiet = quieted(clip, rig, recorded.scale)
+    source = make_upright(clip, rig, humanoid.leg)
+    odd = (*rig.notes, *(note for note in (dropped, mended, quiet) if note))
     notes = (*odd, f"up axis {source.up_axis}, 1 unit of the file is {source.scale:.6g} m")
     body = _trunk(source)
     root = (source.position("left_hip") + source.position("right_hip")) / 2
     feet = [
-        _foot(source, side).moved_by(_hip_shift(source, side, body["pelvis"], humanoid))
+        dataclasses.replace(
+            _foot(source, side).moved_by(_hip_shift(source, side, body["pelvis"], humanoid)),
+            noise=max(
+                point_noise(recorded.position(f"{side}_{part}"), clip.fps)
+                for part in ("ankle", "toe")
+                if recorded.has(f"{side}_{part}")
+            ),
+        )
         for side in SIDES
     ]
     for side in SIDES:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.clips.standing import at_rest, stays
 from mjmotion.clips.upright import UP, calibrate, frame_of, speed_of
 from mjmotion.numerics import rotations as rot
 
@@ -34,6 +35,7 @@ class RecordedFoot:
       bend: (nframe,) how far the recorded toes are bent up from where they are as the foot stands
         flat [rad]; 0 in a recording without toes.
       standing: (nframe,) when the ball stands, where that is known.
+      noise: of its points as recorded, before anything was smoothed, about an axis [m].
     """
 
     ankle: Array
@@ -42,6 +44,7 @@ class RecordedFoot:
     normal: Array
     bend: Array
     standing: NDArray[np.bool_]
+    noise: float = 0.0
 
     @classmethod
     def recorded(
@@ -160,19 +163,18 @@ def find_stances(foot: RecordedFoot, sole: float, fps: float) -> list[RecordedSt
       sole: height of the ankle over the sole [m].
       fps: frames a second.
     """
-    speed = speed_of(foot.ball, fps)
-    ankle = speed_of(foot.ankle, fps)
+    both = [at_rest(points, fps, foot.noise, STILL) for points in (foot.ball, foot.ankle)]
+    rests = both[0] & both[1]
     tilt = np.arccos(np.clip(rot.rotate(foot.quat, UP)[:, 2], -1, 1))
     # As high as this over the ground the ball is when the foot stands flat.
     local = rot.rotate(rot.conjugate(foot.quat), foot.ball - foot.ankle)
     over = sole + float(np.median(local[:, 2]))
     stances = []
-    moving = np.flatnonzero(np.diff(np.r_[True, speed >= _MOVING, True].astype(int)))
-    for start, end in moving.reshape(-1, 2):
+    for start, end in stays(foot.ball, fps, foot.noise, STILL, _MOVING):
         frames = np.arange(start, end)
-        if not (speed[frames] < STILL).any() or len(frames) < 0.06 * fps:
+        if len(frames) < 0.06 * fps:
             continue
-        still = frames[(ankle[frames] < STILL) & (speed[frames] < STILL)]
+        still = frames[rests[frames]]
         flat = still[tilt[still] < _LEVEL]
         ball = float(np.median(foot.ball[frames, 2])) - over
         if len(still) < 3:
