@@ -19,6 +19,7 @@ from mjmotion.body.kinematics import Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, SceneError, frame_list
 from mjmotion.footsteps.contacts import Contact, contact_mask
+from mjmotion.footsteps.pivots import Pivot, find_pivot
 from mjmotion.footsteps.under_toes import toes_on_ground, under_toes
 from mjmotion.numerics.rotations import cross, from_matrix, multiply, normalized, rotate, yaw_quat
 from mjmotion.scene.ground import Ground
@@ -49,6 +50,7 @@ class Stance:
       start, end: all its frames.
       source_pos: (3,) posed site when the foot stands flat on level ground [m].
       source_quat: (4,) the same, wxyz: only a turn about the vertical.
+      pivot: how the foot turns meanwhile, where it stands flat in more than one way.
     """
 
     foot: int
@@ -56,6 +58,7 @@ class Stance:
     toe: tuple[int, int]
     source_pos: Array
     source_quat: Array
+    pivot: Pivot | None = None
 
     @property
     def start(self) -> int:
@@ -109,23 +112,41 @@ def find_stances(
         for start, end in edges.reshape(-1, 2):
             spans = [_span(mask, start, end) for mask in (heel, toe)]
             flat = heel[start:end] & toe[start:end]
+            pivot = find_pivot(_yaw(pose, foot, start, end), heel[start:end], toe[start:end])
+            if pivot is not None:
+                flat &= np.abs(pivot.turn) < 1e-9  # as it first stands
             frames = start + np.flatnonzero(
                 flat if flat.any() else heel[start:end] | toe[start:end]
             )
             position, quat = _level_pose(pose, motion, foot, frames, spans)
-            stances.append(Stance(index, spans[0], spans[1], position, quat))
+            stances.append(Stance(index, spans[0], spans[1], position, quat, pivot))
     return tuple(sorted(stances, key=lambda stance: (stance.start, stance.foot)))
 
 
 def contacts_of(stances: Sequence[Stance], feet: Sequence[Foot]) -> tuple[Contact, ...]:
     """Return the contacts of heels and toes that stances are made of, in order of their start."""
-    found = [
-        Contact(f"{feet[stance.foot].side}_{part}", *span)
-        for stance in stances
-        for part, span in (("heel", stance.heel), ("toe", stance.toe))
-        if span[1] > span[0]
-    ]
+    found = []
+    for stance in stances:
+        for part, span in (("heel", stance.heel), ("toe", stance.toe)):
+            mask = np.zeros(stance.end, dtype=bool)
+            mask[slice(*span)] = True
+            if stance.pivot is not None:
+                stood = stance.pivot.heel if part == "heel" else stance.pivot.toe
+                mask[stance.start :] &= stood[: stance.end - stance.start]
+            edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
+            name = f"{feet[stance.foot].side}_{part}"
+            found += [Contact(name, int(a), int(b)) for a, b in edges.reshape(-1, 2)]
     return tuple(sorted(found, key=lambda contact: (contact.start, contact.site)))
+
+
+def _yaw(pose: Pose, foot: Foot, start: int, end: int) -> Array:
+    """Return which way a foot points over the ground (end - start,), continuous [rad]."""
+    heel, toe = (
+        pose.site_xpos[start:end, site_id(pose.model, f"{foot.side}_{part}")]
+        for part in ("heel", "toe")
+    )
+    along = toe - heel
+    return np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
 
 
 def _span(mask: NDArray[np.bool_], start: int, end: int) -> tuple[int, int]:

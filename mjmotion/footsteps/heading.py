@@ -30,13 +30,15 @@ LEVEL = 0.01  # footholds within this height of each other are on one level [m]
 def heading(clip: Motion) -> float | None:
     """Return the direction in which a clip sets off, about z from +x [rad]; None for no walk.
 
-    From its root's first place to the first that is ``SETS_OFF`` away, or to the furthest.
+    From its root's first place to the first that is ``SETS_OFF`` away; of one that stays nearer, to
+    the first that is ``TRAVELS`` away: where its first steps go, however it turns after them.
     """
     away = clip.qpos[:, :2] - clip.qpos[0, :2]
     far = np.hypot(away[:, 0], away[:, 1])
-    goal = int(np.argmax(far > SETS_OFF)) if (far > SETS_OFF).any() else int(np.argmax(far))
-    if far[goal] <= TRAVELS:
+    beyond = np.flatnonzero(far > (SETS_OFF if far.max() > SETS_OFF else TRAVELS))
+    if len(beyond) == 0:
         return None
+    goal = beyond[0]
     return float(np.arctan2(away[goal, 1], away[goal, 0]))
 
 

@@ -38,6 +38,12 @@ class Holds:
             self.toes[span] = foothold.toes
             self.heel[slice(*stance.heel)] = True
             self.toe[slice(*stance.toe)] = True
+            if (pivot := stance.pivot) is not None:
+                count = stance.end - stance.start
+                position, quat = pivot.posed(foot, foothold.position, foothold.quat)
+                self.position[span], self.quat[span] = position[:count], quat[:count]
+                self.heel[span] &= pivot.heel[:count]
+                self.toe[span] &= pivot.toe[:count]
         self.any = self.heel | self.toe
         self.flat = self.heel & self.toe
 
