@@ -24,6 +24,7 @@ from mjmotion.body.character import (
     quaternion_addresses,
 )
 from mjmotion.body.kinematics import check_free_root
+from mjmotion.body.recording import Recording
 from mjmotion.boundary.arrays import read_archive
 from mjmotion.boundary.files import check_plain
 from mjmotion.boundary.limits import (
@@ -36,6 +37,7 @@ from mjmotion.boundary.limits import (
     real_number,
 )
 from mjmotion.exceptions import ClipError, ModelError, MotionError, frame_list
+from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 
 Array = NDArray[np.float64]
 
@@ -51,26 +53,43 @@ class Motion:
       character: the character, alone or in a scene, or what names one.
       qpos: (nframe, nq) frames.
       fps: frames a second.
+      recording: what it was made of, if that is known.
 
     Attributes:
       character: its first joint is the free root.
       qpos: (nframe, nq) float64, read-only, MuJoCo order: root x y z [m], root quaternion wxyz,
         then the joints ([rad] for hinges, wxyz for balls). Quaternions are normalised.
       fps: frames a second.
+      recording: the recording that these very frames were made of, wherever they are on the ground;
+        None of frames that are others, and of those that no recording is behind.
 
     Raises:
       ModelError: the model has no free root, or something else in it is free too.
-      ClipError: wrong shape, no frames, values that are not finite, a rate that is not positive.
+      ClipError: wrong shape, no frames, values that are not finite, a rate that is not positive,
+        or a recording of another number of frames.
     """
 
     character: Character
     qpos: NDArray[np.float64]
     fps: float
+    recording: Recording | None
 
-    def __init__(self, character: CharacterLike, qpos: ArrayLike, fps: float) -> None:
+    def __init__(
+        self,
+        character: CharacterLike,
+        qpos: ArrayLike,
+        fps: float,
+        recording: Recording | None = None,
+    ) -> None:
         object.__setattr__(self, "character", Character.of(character))
         object.__setattr__(self, "qpos", self._checked(qpos))
         object.__setattr__(self, "fps", rate(fps, "fps", ClipError))
+        if recording is not None and recording.nframe != self.nframe:
+            raise ClipError(
+                f"the recording has {recording.nframe} frames and the motion {self.nframe}: they"
+                " are not of one another"
+            )
+        object.__setattr__(self, "recording", recording)
 
     def _checked(self, given: ArrayLike) -> NDArray[np.float64]:
         """Return frames as they are kept: a read-only copy, quaternions normalised."""
@@ -147,9 +166,24 @@ class Motion:
         moved = object.__new__(Motion)
         frames = qpos.view()
         frames.flags.writeable = False
-        for name, value in (("character", self.character), ("qpos", frames), ("fps", self.fps)):
+        fields = {"character": self.character, "qpos": frames, "fps": self.fps, "recording": None}
+        for name, value in fields.items():
             object.__setattr__(moved, name, value)
         return moved
+
+    def moved(self, yaw: float, pivot: ArrayLike, shift: ArrayLike) -> Motion:
+        """Return the motion as a whole elsewhere on the ground: no pose of it is another.
+
+        Args:
+          yaw: by how much it is turned about the vertical [rad].
+          pivot: (3,) about which point [m].
+          shift: (3,) by which it is moved after that [m].
+        """
+        qpos, centre = np.array(self.qpos), np.asarray(pivot, dtype=np.float64)
+        turn = yaw_quat(np.full(len(qpos), yaw))
+        qpos[:, :3] = rotate(turn, qpos[:, :3] - centre) + (centre + np.asarray(shift))
+        qpos[:, 3:7] = multiply(turn, qpos[:, 3:7])
+        return Motion(self.character, qpos, self.fps, self.recording)
 
     def on(self, character: CharacterLike) -> Motion:
         """Return the motion on the same body elsewhere, such as with a scene added.
@@ -166,7 +200,7 @@ class Motion:
                 f"'{other.name}' is another body than '{self.character.name}' ({difference}):"
                 " retarget the motion instead"
             )
-        return Motion(other, self.qpos, self.fps)
+        return Motion(other, self.qpos, self.fps, self.recording)
 
     def save(self, path: str | Path) -> None:
         """Write the motion file (.npz): ``qpos``, ``fps``, ``joint_names``, and the bones."""

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mjmotion.cli.arguments import (
     add_fitting,
     add_folder,
-    add_going,
     add_keyframe,
     add_reading,
     add_thresholds,
 )
-
-if TYPE_CHECKING:
-    from mjmotion.body.motion import Motion
+from mjmotion.cli.given import READING, read_given
 
 HELP = "adapt a clip to a scene, validate it and make a video"
 EXAMPLE = "mjmotion adapt walk --scene terrain --out out/walk"
@@ -29,11 +26,7 @@ DEFAULTS: dict[str, Any] = {
     "tolerance": 1e-4,
     "ik": "hybrid",
     "character": "humanoid",
-    "mapping": None,
-    "fps": None,
-    "asf": None,
-    "in_place": None,
-    "loop": 1,
+    **READING,
     "free_footholds": False,
     "heading": "start",
     "threshold": [],
@@ -69,7 +62,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="let each foothold move as a whole to where the walk changes least",
     )
     add_reading(parser)
-    add_going(parser)
     add_thresholds(parser)
     parser.set_defaults(**DEFAULTS)
 
@@ -89,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     with Bar() as bar, result_folder(args.out, args.force) as folder:
         bar("reading scene and clip")
         scene = load_scene(args.scene).at_rest(args.keyframe)
-        clip = _read(args)
+        clip = read_given(args, args.clip, folders=False).motion
         contacts = load_contacts(args.contacts, clip.model, clip.nframe) if args.contacts else None
         own = (
             load_constraints(args.constraints, clip.model, clip.nframe) if args.constraints else ()
@@ -110,17 +102,3 @@ def run(args: argparse.Namespace) -> int:
         title = f"{Path(args.clip).stem} on {scene.name}"
         validation = write(folder, result, thresholds, args, bar, title=title)
     return tell(args, result, validation, title=title)
-
-
-def _read(args: argparse.Namespace) -> Motion:
-    """Return the clip, and say what is odd about a recording."""
-    from mjmotion.cli.terminal import warn
-    from mjmotion.clips import is_recording, load_clip, map_recording
-
-    how = {name: getattr(args, name) for name in ("mapping", "fps", "asf", "in_place", "loop")}
-    if not is_recording(args.clip):
-        return load_clip(args.clip, args.character, **how)
-    mapped = map_recording(args.clip, args.character, **how)
-    for note in mapped.odd:
-        warn(f"note: {note}")
-    return mapped.motion

@@ -192,17 +192,21 @@ def add_fitting(
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Add how a recording is read: ``--character``, ``--mapping``, ``--fps``, ``--asf``."""
+    """Add how a clip is read: ``--character`` and what :func:`add_recording` adds."""
     parser.add_argument("--character", help="MJCF file or the name of a model: humanoid")
+    add_recording(parser)
+
+
+def add_recording(parser: argparse.ArgumentParser) -> None:
+    """Add how a recording is read, and what sets it going.
+
+    They are ``--mapping``, ``--fps``, ``--asf``, ``--in-place``, ``--loop`` and ``--floor``.
+    """
     parser.add_argument("--mapping", type=Path, help="YAML file: which joint of the clip is which")
     parser.add_argument(
         "--fps", type=rate, help="rate of the clip, where its file tells none or a wrong one"
     )
     parser.add_argument("--asf", type=Path, help="skeleton of an AMC file: the one beside it")
-
-
-def add_going(parser: argparse.ArgumentParser) -> None:
-    """Add what sets a recording going: ``--in-place`` and ``--loop``."""
     parser.add_argument(
         "--in-place",
         type=travel,
@@ -210,6 +214,12 @@ def add_going(parser: argparse.ArgumentParser) -> None:
         help="of a clip walked in place: rebuild its travel from the feet, at this speed [m/s]",
     )
     parser.add_argument("--loop", type=count, default=1, metavar="N", help="repeat a loop N times")
+    parser.add_argument(
+        "--floor",
+        choices=("auto", "level", "follow"),
+        default="auto",
+        help="floor of a recording: as its feet say, level, or drifting along with them: auto",
+    )
 
 
 def travel(text: str) -> str | float:

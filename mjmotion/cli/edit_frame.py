@@ -131,7 +131,7 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.exceptions import ConstraintError
     from mjmotion.footsteps.contacts import load_contacts
     from mjmotion.output.folder import result_folder
-    from mjmotion.output.reading import read_motion
+    from mjmotion.cli.given import read_given
 
     kinds = {kind for kind, _ in args.moves}
     if len(kinds) != 1 or len(args.moves) != len(args.site):
@@ -142,9 +142,7 @@ def run(args: argparse.Namespace) -> int:
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
         bar("reading the motion")
-        motion, contacts = read_motion(
-            args.motion, args.character, mapping=args.mapping, fps=args.fps, asf=args.asf
-        )
+        motion, contacts = read_given(args, args.motion)
         if args.contacts:
             contacts = load_contacts(args.contacts, motion.model, motion.nframe)
         bar("editing")

@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.exceptions import MotionError, unknown_name
     from mjmotion.footsteps.contacts import load_contacts
     from mjmotion.output.folder import result_folder
-    from mjmotion.output.reading import read_motion
+    from mjmotion.cli.given import read_given
     from mjmotion.paper.morph import KEYS, paper_walk
     from mjmotion.scene import without_scene
 
@@ -77,9 +77,7 @@ def run(args: argparse.Namespace) -> int:
         motion, contacts = (
             paper_walk(args.character or "humanoid")
             if args.clip is None
-            else read_motion(
-                args.clip, args.character, mapping=args.mapping, fps=args.fps, asf=args.asf
-            )
+            else read_given(args, args.clip)
         )
         if args.contacts:
             contacts = load_contacts(args.contacts, motion.model, motion.nframe)

@@ -57,15 +57,13 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.constraints.unmet import check_free
     from mjmotion.footsteps.contacts import load_contacts
     from mjmotion.output.folder import result_folder
-    from mjmotion.output.reading import read_motion
+    from mjmotion.cli.given import read_given
     from mjmotion.scene import load_scene, scene_of
 
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
         bar("reading motion and models")
-        given = read_motion(
-            args.motion, args.character, mapping=args.mapping, fps=args.fps, asf=args.asf
-        )
+        given = read_given(args, args.motion)
         motion = given.motion
         body, own = Character.load(args.to), scene_of(motion.character)
         scene = load_scene(args.scene or "flat") if args.scene or own is None else own

@@ -14,6 +14,7 @@ from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.motion import Motion
 from mjmotion.clips.asf import read_amc
 from mjmotion.clips.bvh import read_bvh
+from mjmotion.clips.floor import FLOORS
 from mjmotion.clips.in_place import going
 from mjmotion.clips.mapping import Mapped, map_clip, to_motion
 from mjmotion.clips.reading import SUFFIXES, is_recording, not_read, read_clip
@@ -74,6 +75,7 @@ def map_recording(
     asf: str | Path | None = None,
     in_place: str | float | None = None,
     loop: int = 1,
+    floor: str = "auto",
 ) -> Mapped:
     """Read a recording and put it on the humanoid, with the notes of what was found on the way.
 
@@ -86,14 +88,19 @@ def map_recording(
       in_place: for recordings walked in place: ``"travel"`` rebuilds the travel from the standing
         feet, a number does so with this mean speed [m/s], ``"keep"`` leaves it, unsaid.
       loop: for recordings that end as they begin: how often they are repeated.
+      floor: of a recording: ``"auto"`` takes out what is a little tilted, and follows what drifts
+        where standing feet go along; ``"level"`` does neither, ``"follow"`` goes with the feet.
 
     Raises:
       ClipError: the file is damaged, or its skeleton cannot be mapped.
     """
     if not (in_place in (None, "keep", "travel") or _is_speed(in_place)):
         raise ClipError(f"in_place is {in_place!r}: give 'travel', 'keep' or a speed in m/s")
+    if floor not in FLOORS:
+        raise ClipError(unknown_name("floor", str(floor), FLOORS))
     clip = read_clip(path, fps=fps, asf=asf)
-    return going(clip, character, find_rig(clip, mapping), in_place=in_place, loop=loop)
+    rig = find_rig(clip, mapping)
+    return going(clip, character, rig, in_place=in_place, loop=loop, floor=floor)
 
 
 def _is_speed(value: object) -> bool:
@@ -109,6 +116,7 @@ def load_clip(
     asf: str | Path | None = None,
     in_place: str | float | None = None,
     loop: int = 1,
+    floor: str = "auto",
 ) -> Motion:
     """Return a clip as a motion of the humanoid.
 
@@ -123,6 +131,8 @@ def load_clip(
       in_place: for recordings walked in place: ``"travel"`` rebuilds the travel from the standing
         feet, a number does so with this mean speed [m/s], ``"keep"`` leaves it, unsaid.
       loop: for recordings that end as they begin: how often they are repeated.
+      floor: of a recording: ``"auto"`` takes out what is a little tilted, and follows what drifts
+        where standing feet go along; ``"level"`` does neither, ``"follow"`` goes with the feet.
 
     Raises:
       ClipError: no such file or name, a damaged file, a skeleton that cannot be mapped.
@@ -138,10 +148,17 @@ def load_clip(
         )
     if is_recording(path):
         return map_recording(
-            path, character, mapping=mapping, fps=fps, asf=asf, in_place=in_place, loop=loop
+            path,
+            character,
+            mapping=mapping,
+            fps=fps,
+            asf=asf,
+            in_place=in_place,
+            loop=loop,
+            floor=floor,
         ).motion
-    if asf is not None or in_place is not None or loop != 1:
-        raise ClipError(f"'{path}' is no recording: leave asf, in_place and loop")
+    if asf is not None or in_place is not None or loop != 1 or floor != "auto":
+        raise ClipError(f"'{path}' is no recording: leave asf, in_place, loop and floor")
     suffix = path.suffix.lower()
     if suffix == "" and not path.exists():
         names = builtin_clips()

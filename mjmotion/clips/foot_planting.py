@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from mjmotion.body.feet import Toes
 from mjmotion.body.reach import drop_to_reach
 from mjmotion.clips.dimensions import HumanoidDimensions
-from mjmotion.clips.recorded_feet import STILL, RecordedFoot, RecordedStance, find_stances
+from mjmotion.clips.floor import EVEN, Floor
+from mjmotion.clips.foot_turns import flat_stays, foot_yaw, stance_yaw
+from mjmotion.clips.recorded_feet import STILL, RecordedFoot, RecordedStance
 from mjmotion.clips.rig import SIDES
 from mjmotion.clips.upright import UP, speed_of
 from mjmotion.numerics import rotations as rot
@@ -30,8 +32,8 @@ Array = rot.Array
 _REACH = 0.9985  # of the leg's length: a knee is never straighter than 6 degrees
 _RISING = 0.05  # [rad] a foot pitched further has its heel off the ground
 _HEEL_DOWN = 0.04  # [m] a heel that is no higher, before flat stance, has struck
-_EVEN = 0.04  # [m] stances on flat ground differ by less
-_TILT = 0.04  # slope of a floor that was meant to be level
+_STEEPEST = 0.95  # height of the ankle over the ball, of the most that it can be, in a foot turned
+_TIPPED = 1.0  # the same of a recorded foot whose ball still stands
 _CLEAR = 0.004  # [m] how deep a sole may graze the ground in a swing
 _GIVE = 0.03  # [s] how far on either side it is felt that toes keep out of the ground
 _SHARP, _SOFT = 10.0, 1e-2  # [Hz] what corrections follow in contact; weight of none in swing
@@ -41,7 +43,9 @@ def plant_feet(
     root: Array,
     pelvis: Array,
     feet: Sequence[RecordedFoot],
+    stances: Sequence[Sequence[RecordedStance]],
     humanoid: HumanoidDimensions,
+    floor: Floor,
     fps: float,
 ) -> tuple[Array, list[RecordedFoot]]:
     """Put the soles on the ground at z = 0 and the ankles within reach.
@@ -50,26 +54,22 @@ def plant_feet(
       root: (nframe, 3) positions of the pelvis [m].
       pelvis: (nframe, 4) its orientations.
       feet: the left and the right foot.
+      stances: of each of them, as recorded.
       humanoid: lengths and places of its parts.
+      floor: the ground under the recording.
       fps: frames a second.
 
     Returns:
       The moved root and feet.
     """
-    sole = -float(humanoid.site("left_foot")[2])
-    stances = [find_stances(foot, sole, fps) for foot in feet]
-    ground, uneven = _ground(feet, stances, sole)
-    root = root - (ground[0] + root[:, :2] @ ground[1:])[:, None] * UP
+    root = root - floor.under(root)[:, None] * UP
     pinned = []
     for side, foot, group in zip(SIDES, feet, stances, strict=True):
+        under = floor.under(foot.ankle)
+        low = [stance.lowered(under) for stance in group]
+        if not floor.uneven:
+            low = [_on_flat_ground(stance) for stance in low]
         heel, toe = humanoid.site(f"{side}_heel"), humanoid.site(f"{side}_toe")
-        under = ground[0] + foot.ankle[:, :2] @ ground[1:]
-        low = [
-            dataclasses.replace(s, height=s.height - float(np.mean(under[s.start : s.end])))
-            for s in group
-        ]
-        if not uneven:
-            low = [_on_flat_ground(s) for s in low]
         pinned.append(_pin(foot.lowered(under), low, heel, toe, fps))
     drop = np.zeros(len(root))
     for at, side in enumerate(SIDES):
@@ -87,47 +87,9 @@ def plant_feet(
     return root - cover(drop, 0.4 * fps)[:, None] * UP, pinned
 
 
-def _ground(
-    feet: Sequence[RecordedFoot], stances: Sequence[Sequence[RecordedStance]], sole: float
-) -> tuple[Array, bool]:
-    """Return the plane (height, slope along x, slope along y) under a clip, and if it is uneven.
-
-    A capture volume whose floor was a little tilted gives a walk that sinks or climbs steadily; the
-    plane takes that out. Where the stances do not lie on one nearly level plane, the recorded
-    ground was uneven: the plane is then level, at the lowest stance.
-    """
-    rows = [
-        (*foot.ball[s.start : s.end, :2].mean(axis=0), s.height)
-        for foot, group in zip(feet, stances, strict=True)
-        for s in group
-        if s.level
-    ]
-    if not rows:
-        lowest = min(float(foot.ankle[:, 2].min()) for foot in feet)
-        return np.array((lowest - sole, 0.0, 0.0)), True
-    table = np.array(rows)
-    height = table[:, 2]
-    plane = np.array((float(np.median(height)), 0.0, 0.0))
-    near = np.abs(height - plane[0]) < _EVEN
-    if near.sum() >= 4:
-        # Slopes the stances do not show, such as across a straight walk, stay zero (ridge).
-        centre = table[near, :2].mean(axis=0)
-        spread = table[near, :2] - centre
-        slope = np.linalg.solve(
-            spread.T @ spread + 0.1 * np.eye(2), spread.T @ (height[near] - height[near].mean())
-        )
-        if np.linalg.norm(slope) < _TILT:
-            plane = np.array((height[near].mean() - centre @ slope, *slope))
-    rest = height - plane[0] - table[:, :2] @ plane[1:]
-    # A foot that stands still on its toes looks like a step; most stances tell the ground.
-    if np.mean(np.abs(rest) < _EVEN / 2) >= 0.6 and np.abs(rest).max() < 2 * _EVEN:
-        return plane, False
-    return np.array((float(height.min()), 0.0, 0.0)), True
-
-
 def _on_flat_ground(stance: RecordedStance) -> RecordedStance:
     """Return a stance on flat ground; one that seems higher is on its toes, one askew is level."""
-    if abs(stance.height) < _EVEN / 2 and stance.level:
+    if abs(stance.height) < EVEN / 2 and stance.level:
         return stance
     return dataclasses.replace(stance, flat=stance.flat[:0], level=True, height=0.0)
 
@@ -170,18 +132,20 @@ def _pin(
     foot: RecordedFoot, stances: Sequence[RecordedStance], heel: Array, toe: Array, fps: float
 ) -> RecordedFoot:
     """Return the foot with its soles level and its contact points fixed in every stance."""
-    goals = _StanceGoals.none(foot)
+    goals, points = _StanceGoals.none(foot), foot_yaw(foot)
     for stance in stances:
         if not stance.level:
             goals.fix(stance.flat, np.zeros(3), foot.ankle[stance.flat].mean(axis=0))
             continue
-        tip, yaw = _roll_over_toe(goals, foot, stance, toe)
+        tip = _roll_over_toe(goals, foot, stance, points, toe, fps)
         if len(stance.flat):
-            back = tip + rot.rotate(yaw, heel - toe)
+            landed = goals.quat[stance.flat[0]]
+            back = tip + rot.rotate(landed, heel - toe)
             struck = _roll_over_heel(goals, foot, stance, heel, back, fps)
             # A foot that slaps down may swing through: on its heel its toe is not under the ground.
             deep = rot.rotate(foot.quat[struck], toe - heel)[:, 2] < (toe - heel)[2]
-            goals.turn(struck[deep], np.broadcast_to(yaw, (int(deep.sum()), 4)))
+            level = points[struck] + _yaw_of(landed) - points[stance.flat[0]]
+            goals.turn(struck[deep], rot.yaw_quat(level[deep]))
     change = rot.log(rot.multiply(goals.quat, rot.conjugate(foot.quat)))
     quat = rot.multiply(rot.exp(smooth_correction(change, goals.turned, fps)), foot.quat)
     standing = (goals.fixed > 0) & (goals.contact == toe).all(axis=1)
@@ -189,38 +153,55 @@ def _pin(
     return _fix_contacts(foot, goals, heel, toe, fps)
 
 
+def _yaw_of(quat: Array) -> float:
+    """Return the yaw [rad] of a turn (4,) about the vertical."""
+    return float(2.0 * np.arctan2(quat[3], quat[0]))
+
+
 def _roll_over_toe(
-    goals: _StanceGoals, foot: RecordedFoot, stance: RecordedStance, toe: Array
-) -> tuple[Array, Array]:
-    """Level the foot in flat stance, then turn it about its ball, heel up.
+    goals: _StanceGoals,
+    foot: RecordedFoot,
+    stance: RecordedStance,
+    points: Array,
+    toe: Array,
+    fps: float,
+) -> Array:
+    """Level the foot in flat stance, else turn it about its ball: heel up, and as it points.
+
+    Args:
+      goals: what is filled in.
+      foot: the foot.
+      stance: one of its stances.
+      points: (nframe,) which way the recorded foot points [rad].
+      toe: (3,) its ball in the foot body [m].
+      fps: frames a second.
 
     Returns:
-      Where the ball stands (3,) [m], and the yaw (4,) of the foot.
+      Where the ball stands (3,) [m].
     """
     frames = np.arange(stance.start, stance.end)
     # The foot turns about its ball as far as brings the ankle to its height.
     radius, flat_angle = np.hypot(toe[0], toe[2]), np.arctan2(-toe[2], toe[0])
     sine = (foot.ankle[frames, 2] - stance.height) / radius
-    pitch = np.maximum(np.arcsin(np.clip(sine, -1, 1)) - flat_angle, 0.0)
+    pitch = np.maximum(np.arcsin(np.clip(sine, -1, _STEEPEST)) - flat_angle, 0.0)
     flat = stance.flat
-    if len(flat):
-        pitch[frames <= flat[-1]] = 0.0
-    else:
+    for stay in flat_stays(stance, fps):
+        pitch[stay - stance.start] = 0.0
+    if len(flat) == 0:
         flat = frames[[int(np.argmin(sine))]]
-    forward = rot.rotate(foot.quat[flat], np.array((1.0, 0.0, 0.0))).mean(axis=0)
-    yaw = rot.yaw_quat(np.arctan2(forward[1], forward[0]))
+    yaw = rot.yaw_quat(stance_yaw(points, stance, frames, fps))
     zero = np.zeros(len(frames))
     tilt = np.stack([np.cos(pitch / 2), zero, np.sin(pitch / 2), zero], axis=-1)
-    quat = rot.multiply(np.broadcast_to(yaw, tilt.shape), tilt)
+    quat = rot.multiply(yaw, tilt)
     tip = (foot.ankle[flat] + rot.rotate(quat[flat - stance.start], toe)).mean(axis=0)
-    tip[2] = 0.0 if abs(stance.height) < _EVEN / 2 else stance.height
+    tip[2] = 0.0 if abs(stance.height) < EVEN / 2 else stance.height
     # Straight over its ball a foot can rise no more; the ball leaves the ground before.
-    use = sine < 0.95
+    use = sine < _TIPPED
     if len(stance.flat):
         use &= frames >= flat[0]
     goals.turn(frames[use], quat[use])
     goals.fix(frames[use], toe, tip)
-    return tip, yaw
+    return tip
 
 
 def _roll_over_heel(

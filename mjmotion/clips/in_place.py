@@ -37,6 +37,7 @@ def going(
     *,
     in_place: str | float | None = None,
     loop: int = 1,
+    floor: str = "auto",
 ) -> Mapped:
     """Put a clip on the humanoid, repeated and set going as asked.
 
@@ -47,6 +48,7 @@ def going(
       in_place: ``"travel"`` rebuilds the travel, a number does so with this mean speed [m/s],
         ``"keep"`` leaves it; None leaves it too, with a note where the clip is walked in place.
       loop: how often the clip is repeated.
+      floor: as :func:`map_clip` takes it.
 
     Raises:
       ClipError: the clip cannot be mapped, is no loop, or has no foot that stands.
@@ -57,7 +59,7 @@ def going(
     clip = repeat(clip, rig, leg, loop)
     if in_place not in (None, "keep"):
         clip = rebuild_travel(clip, rig, leg, None if in_place == "travel" else float(in_place))
-    mapped = map_clip(clip, character, rig)
+    mapped = map_clip(clip, character, rig, floor)
     speed = glide_speed(clip, rig, leg) if in_place is None else None
     notes = [] if dropped is None else [dropped]
     if speed is not None:

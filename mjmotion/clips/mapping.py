@@ -15,9 +15,13 @@ from mjmotion.body.motion import Motion
 from mjmotion.clips.dimensions import HumanoidDimensions
 from mjmotion.clips.foot_noise import steady_turns
 from mjmotion.clips.foot_planting import plant_feet, toe_bend
-from mjmotion.clips.recorded_feet import RecordedFoot
+from mjmotion.clips.floor import find_floor
+from mjmotion.clips.joint_noise import quieted
+from mjmotion.clips.recorded import keep_recording
+from mjmotion.clips.recorded_feet import RecordedFoot, find_stances, without_raised
 from mjmotion.clips.rig import SIDES, Rig, find_rig
 from mjmotion.clips.skeleton import Clip
+from mjmotion.clips.standing import point_noise
 from mjmotion.clips.upright import (
     UP,
     UprightClip,
@@ -63,7 +67,9 @@ def to_motion(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> M
     return map_clip(clip, character, rig).motion
 
 
-def map_clip(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Mapped:
+def map_clip(
+    clip: Clip, character: CharacterLike, rig: Rig | None = None, floor: str = "auto"
+) -> Mapped:
     """Put a clip on the humanoid.
 
     The clip's legs are scaled to the humanoid's, the first frame is moved to x = y = 0 and the clip
@@ -74,6 +80,7 @@ def map_clip(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Ma
       clip: the clip, as read.
       character: the humanoid, with or without a scene, or what names it.
       rig: which joint plays which role; found by name when None.
+      floor: ``"auto"``, ``"level"`` or ``"follow"``: see :func:`mjmotion.clips.floor.find_floor`.
 
     Raises:
       ClipError: the skeleton cannot be mapped.
@@ -83,14 +90,23 @@ def map_clip(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Ma
     humanoid = HumanoidDimensions(character)
     rig = find_rig(clip) if rig is None else rig
     clip, dropped = drop_rest_frame(clip)
+    recorded = make_upright(clip, rig, humanoid.leg)
     clip, mended = mend_glitches(clip)
+    clip, quiet = quieted(clip, rig, recorded.scale)
     source = make_upright(clip, rig, humanoid.leg)
-    odd = (*rig.notes, *(note for note in (dropped, mended) if note))
+    odd = (*rig.notes, *(note for note in (dropped, mended, quiet) if note))
     notes = (*odd, f"up axis {source.up_axis}, 1 unit of the file is {source.scale:.6g} m")
     body = _trunk(source)
     root = (source.position("left_hip") + source.position("right_hip")) / 2
     feet = [
-        _foot(source, side).moved_by(_hip_shift(source, side, body["pelvis"], humanoid))
+        dataclasses.replace(
+            _foot(source, side).moved_by(_hip_shift(source, side, body["pelvis"], humanoid)),
+            noise=max(
+                point_noise(recorded.position(f"{side}_{part}"), clip.fps)
+                for part in ("ankle", "toe")
+                if recorded.has(f"{side}_{part}")
+            ),
+        )
         for side in SIDES
     ]
     for side in SIDES:
@@ -100,7 +116,10 @@ def map_clip(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Ma
     body = {name: rot.multiply(np.broadcast_to(turn, q.shape), q) for name, q in body.items()}
     root = rot.rotate(turn, root - start)
     feet = [foot.moved(turn, start) for foot in feet]
-    root, feet = plant_feet(root, body["pelvis"], feet, humanoid, clip.fps)
+    sole = -float(humanoid.site("left_foot")[2])
+    stances = without_raised([find_stances(foot, sole, clip.fps) for foot in feet])
+    ground = find_floor(feet, stances, sole, clip.fps, floor)
+    root, feet = plant_feet(root, body["pelvis"], feet, stances, humanoid, ground, clip.fps)
     knees, planted = {}, []
     for side, foot in zip(SIDES, feet, strict=True):
         hip = root + rot.rotate(body["pelvis"], humanoid.hips[side])
@@ -114,7 +133,8 @@ def map_clip(clip: Clip, character: CharacterLike, rig: Rig | None = None) -> Ma
     check_steady(clip, qpos)
     excess = character.limits.excess(qpos)
     clamped = int((excess > 1e-9).any(axis=1).sum())
-    motion = Motion(character, character.limits.clamp(qpos), clip.fps)
+    kept = keep_recording(recorded, turn, start, ground)
+    motion = Motion(character, character.limits.clamp(qpos), clip.fps, kept)
     return Mapped(motion, source.scale, source.up_axis, clamped, notes, odd)
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmotion.clips.standing import at_rest, stays
 from mjmotion.clips.upright import UP, calibrate, frame_of, speed_of
 from mjmotion.numerics import rotations as rot
 
@@ -16,6 +18,8 @@ STILL = 0.2  # [m/s] a point that stands is slower
 _MOVING = 0.4  # [m/s] a point that stood and is faster has left the ground
 _NEAR_FLAT = np.radians(10)  # pitch of a foot that may well be flat
 TOE_TIME = 0.04  # [s] toes are told by one marker, whose noise shakes them: averaged over this
+RAISED = 0.035  # [m] a foot this far over the other that stands all the while is in the air
+_ALONE = 0.1  # share of a stance in which a foot that bears the body has it alone, at least
 _LEVEL = np.radians(10)  # a still foot steeper than this stands on a rung or an edge
 
 
@@ -31,6 +35,7 @@ class RecordedFoot:
       bend: (nframe,) how far the recorded toes are bent up from where they are as the foot stands
         flat [rad]; 0 in a recording without toes.
       standing: (nframe,) when the ball stands, where that is known.
+      noise: of its points as recorded, before anything was smoothed, about an axis [m].
     """
 
     ankle: Array
@@ -39,6 +44,7 @@ class RecordedFoot:
     normal: Array
     bend: Array
     standing: NDArray[np.bool_]
+    noise: float = 0.0
 
     @classmethod
     def recorded(
@@ -133,6 +139,7 @@ class RecordedStance:
       flat: (n,) frames in which the whole foot stands still; none for a foot on its toes.
       level: whether the foot stands on level ground, not steeply on a rung or an edge.
       height: height of the ground under the sole, as recorded [m].
+      ball: the same by the ball alone: of a foot on its toes, the ground's, not the heel's [m].
     """
 
     start: int
@@ -140,6 +147,12 @@ class RecordedStance:
     flat: NDArray[np.int64]
     level: bool
     height: float
+    ball: float
+
+    def lowered(self, floor: Array) -> RecordedStance:
+        """Return it over a floor that is at ``floor`` (nframe,) under its foot [m]."""
+        under = float(np.mean(floor[self.start : self.end]))
+        return dataclasses.replace(self, height=self.height - under, ball=self.ball - under)
 
 
 def find_stances(foot: RecordedFoot, sole: float, fps: float) -> list[RecordedStance]:
@@ -150,29 +163,51 @@ def find_stances(foot: RecordedFoot, sole: float, fps: float) -> list[RecordedSt
       sole: height of the ankle over the sole [m].
       fps: frames a second.
     """
-    speed = speed_of(foot.ball, fps)
-    ankle = speed_of(foot.ankle, fps)
+    both = [at_rest(points, fps, foot.noise, STILL) for points in (foot.ball, foot.ankle)]
+    rests = both[0] & both[1]
     tilt = np.arccos(np.clip(rot.rotate(foot.quat, UP)[:, 2], -1, 1))
-    stances, on_toes = [], []
-    moving = np.flatnonzero(np.diff(np.r_[True, speed >= _MOVING, True].astype(int)))
-    for start, end in moving.reshape(-1, 2):
-        frames = np.arange(start, end)
-        if not (speed[frames] < STILL).any() or len(frames) < 0.06 * fps:
-            continue
-        still = frames[(ankle[frames] < STILL) & (speed[frames] < STILL)]
-        flat = still[tilt[still] < _LEVEL]
-        if len(still) < 3:
-            on_toes.append((start, end))
-        elif len(flat) >= max(3, len(still) / 2):
-            height = float(np.median(foot.ankle[flat, 2])) - sole
-            stances.append(RecordedStance(start, end, flat, True, height))
-        else:
-            height = float(np.median(foot.ankle[still, 2])) - sole
-            stances.append(RecordedStance(start, end, still, False, height))
-    # Where only the toes stand, the ball tells the ground: it is as high over it as when flat.
+    # As high as this over the ground the ball is when the foot stands flat.
     local = rot.rotate(rot.conjugate(foot.quat), foot.ball - foot.ankle)
     over = sole + float(np.median(local[:, 2]))
-    for start, end in on_toes:
-        height = float(np.median(foot.ball[start:end, 2])) - over
-        stances.append(RecordedStance(start, end, np.zeros(0, dtype=np.int64), True, height))
-    return sorted(stances, key=lambda stance: stance.start)
+    stances = []
+    for start, end in stays(foot.ball, fps, foot.noise, STILL, _MOVING):
+        frames = np.arange(start, end)
+        if len(frames) < 0.06 * fps:
+            continue
+        still = frames[rests[frames]]
+        flat = still[tilt[still] < _LEVEL]
+        ball = float(np.median(foot.ball[frames, 2])) - over
+        if len(still) < 3:
+            # Where only the toes stand, the ball tells the ground.
+            stances.append(RecordedStance(start, end, flat[:0], True, ball, ball))
+        elif len(flat) >= max(3, len(still) / 2):
+            height = float(np.median(foot.ankle[flat, 2])) - sole
+            stances.append(RecordedStance(start, end, flat, True, height, ball))
+        else:
+            height = float(np.median(foot.ankle[still, 2])) - sole
+            stances.append(RecordedStance(start, end, still, False, height, ball))
+    return stances
+
+
+def without_raised(
+    stances: Sequence[Sequence[RecordedStance]],
+) -> tuple[tuple[RecordedStance, ...], ...]:
+    """Return each foot's stances without those in which it is held still over the ground.
+
+    Such a foot is well over the other one, and the other stands all the while: it never bears the
+    body alone.
+    """
+    kept = []
+    for own, others in zip(stances, stances[::-1], strict=True):
+        kept.append(tuple(stance for stance in own if not _is_raised(stance, others)))
+    return tuple(kept)
+
+
+def _is_raised(stance: RecordedStance, others: Sequence[RecordedStance]) -> bool:
+    beside = [o for o in others if o.start < stance.end and o.end > stance.start]
+    if not beside or stance.ball - max(o.ball for o in beside) < RAISED:
+        return False
+    alone = np.ones(stance.end - stance.start, dtype=bool)
+    for o in beside:
+        alone[max(o.start - stance.start, 0) : o.end - stance.start] = False
+    return bool(alone.mean() < _ALONE)

@@ -7,13 +7,14 @@ shown = open_view("out/walk")
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from mjmotion.apps.adaptation import as_clip
 from mjmotion.apps.session import EditSession, load_session
 from mjmotion.editor.shown import Shown
 from mjmotion.exceptions import SessionError
 from mjmotion.footsteps.contacts import detect_contacts
-from mjmotion.output.reading import read_motion, read_results
+from mjmotion.output.reading import check_folder_alone, read_motion, read_results
 from mjmotion.scene import compose, with_ground
 
 DEMO = "demo"
@@ -51,13 +52,16 @@ def open_session(
     return session, what
 
 
-def open_view(what: str, scene: str | None = None, character: str | None = None) -> Shown:
+def open_view(
+    what: str, scene: str | None = None, character: str | None = None, **reading: Any
+) -> Shown:
     """Return what a user named, to look at.
 
     Args:
       what: a result folder, or a motion's file or built-in name.
       scene: where a motion is shown, as it is; on level ground without. A folder has its own.
       character: what names the body of a motion's file.
+      reading: how a recording is read, as :func:`mjmotion.load_clip` takes it.
 
     Raises:
       MotionError: it cannot be read.
@@ -65,9 +69,10 @@ def open_view(what: str, scene: str | None = None, character: str | None = None)
     if Path(what).is_dir():
         if scene is not None or character is not None:
             raise SessionError(f"'{what}' is a result folder with its own scene: leave --scene")
+        check_folder_alone(what, reading)
         result = read_results(what)
         return Shown(result.source, result.motion, result.contacts)
-    motion, contacts = read_motion(what, character)
+    motion, contacts = read_motion(what, character, **reading)
     body = (
         with_ground(motion.character)
         if scene is None

@@ -41,6 +41,7 @@ _EDGE = 0.002  # of its range that an ankle is never planned to be at [rad]
 SLACK = 0.025  # what an ankle may use of the margin before anything gives [rad]
 _GIVES = 5e-4  # a foot that is turned back by less has no more to give [rad]
 _LIFTED = 2e-4  # a heel this far off its foothold no longer stands [m]
+_ROLLED = 5e-4  # a ball this far off its foothold has been rolled off, over the tip of the toes [m]
 
 
 def relax_ankles(
@@ -115,7 +116,7 @@ def turned_footholds(
         twist = _ankle(motion, foot, path)[:, 2]
         over, under = twist - box[:, 2, 3], box[:, 2, 2] - twist
         for number, stance in enumerate(stances):
-            if stance.foot != index or stance.heel[1] == stance.heel[0]:
+            if stance.foot != index or stance.heel[1] == stance.heel[0] or stance.pivot:
                 continue
             span = slice(*stance.heel)
             turn = max(0.0, float(under[span].max())) - max(0.0, float(over[span].max()))
@@ -273,8 +274,14 @@ def trim_toe_contacts(
         for stance, foothold in zip(*spots, strict=True):
             if stance.foot == index[path.site]:
                 span = slice(*stance.toe)
-                place = foothold.position + rotate(foothold.quat, foot.toe)
-                lifted[span] = np.linalg.norm(ball[span] - place, axis=1) > _LIFTED
+                position, quat = foothold.position, foothold.quat
+                if stance.pivot is not None:
+                    position, quat = stance.pivot.posed(foot, position, quat)
+                    first = stance.toe[0] - stance.start
+                    last = stance.toe[1] - stance.start
+                    position, quat = position[first:last], quat[first:last]
+                place = position + rotate(quat, foot.toe)
+                lifted[span] = np.linalg.norm(ball[span] - place, axis=1) > _ROLLED
         left = _cut(left, f"{foot.side}_toe", lifted, shortest)
     return tuple(left)
 

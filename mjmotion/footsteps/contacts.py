@@ -25,6 +25,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.boundary.limits import MOST_FRAMES, shown, whole_number
 from mjmotion.boundary.structured import read_json
 from mjmotion.exceptions import ContactError, MotionError, wrong_type
+from mjmotion.footsteps.raised import bears
 
 Array = NDArray[np.float64]
 
@@ -140,7 +141,7 @@ def detect_contacts(
         )
         for body in np.unique(bodies)
     }
-    found = []
+    found: list[tuple[int, Contact]] = []
     for column, name in enumerate(chosen):
         foot = bodies == bodies[column]
         ground = grounds[bodies[column]]
@@ -155,10 +156,37 @@ def detect_contacts(
         for start, end in (_resting(height, run, settings.rise) for run in runs):
             whole = start == 0 or end == motion.nframe
             if end - start >= settings.shortest * motion.fps or (whole and end - start > 1):
-                found.append(Contact(name, start, end))
+                found.append((int(bodies[column]), Contact(name, start, end)))
+    lowest = {body: position[:, bodies == body, 2].min(axis=1) for body in np.unique(bodies)}
+    kept = _standing(found, lowest, motion.fps)
     if sites is None:
-        found = _with_rests(found, motion, pose.site_xpos, ids, settings)
-    return tuple(sorted(found, key=lambda contact: (contact.start, contact.site)))
+        kept = _with_rests(kept, motion, pose.site_xpos, ids, settings)
+    return tuple(sorted(kept, key=lambda contact: (contact.start, contact.site)))
+
+
+def _standing(
+    found: Sequence[tuple[int, Contact]], lowest: dict[int, Array], fps: float
+) -> list[Contact]:
+    """Return the contacts, each given with its foot, of feet that are not just held in the air.
+
+    Args:
+      found: foot and contact.
+      lowest: (nframe,) height of the lowest site of each foot [m].
+      fps: frames a second.
+    """
+    rests = {foot: np.zeros(len(height), dtype=bool) for foot, height in lowest.items()}
+    for foot, contact in found:
+        rests[foot][contact.start : contact.end] = True
+    kept = []
+    for foot, contact in found:
+        others = [other for other in rests if other != foot]
+        heights = [np.where(rests[other], lowest[other], np.inf) for other in others]
+        under = np.min(heights, axis=0) if heights else np.full(len(lowest[foot]), np.inf)
+        under = np.where(np.isfinite(under), under, np.nan)
+        run = (contact.start, contact.end)
+        if bears(run, lowest[foot], under, [rests[other] for other in others], fps):
+            kept.append(contact)
+    return kept
 
 
 def _with_rests(

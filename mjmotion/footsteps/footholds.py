@@ -19,6 +19,7 @@ from mjmotion.body.kinematics import Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, SceneError, frame_list
 from mjmotion.footsteps.contacts import Contact, contact_mask
+from mjmotion.footsteps.pivots import Pivot, find_pivot
 from mjmotion.footsteps.rough import RISEN, settled_near
 from mjmotion.footsteps.settling import Plates, Tread
 from mjmotion.footsteps.soles import Placed, set_down, walled
@@ -55,6 +56,7 @@ class Stance:
       start, end: all its frames.
       source_pos: (3,) posed site when the foot stands flat on level ground [m].
       source_quat: (4,) the same, wxyz: only a turn about the vertical.
+      pivot: how the foot turns meanwhile, where it stands flat in more than one way.
     """
 
     foot: int
@@ -64,6 +66,7 @@ class Stance:
     source_quat: Array
     heel_off: tuple[tuple[int, int], ...] = ()
     toe_off: tuple[tuple[int, int], ...] = ()
+    pivot: Pivot | None = None
 
     @property
     def start(self) -> int:
@@ -117,12 +120,15 @@ def find_stances(
         for start, end in edges.reshape(-1, 2):
             spans = [_span(mask, start, end) for mask in (heel, toe)]
             flat = heel[start:end] & toe[start:end]
+            pivot = find_pivot(_yaw(pose, foot, start, end), heel[start:end], toe[start:end])
+            if pivot is not None:
+                flat &= np.abs(pivot.turn) < 1e-9  # as it first stands
             frames = start + np.flatnonzero(
                 flat if flat.any() else heel[start:end] | toe[start:end]
             )
             position, quat = _level_pose(pose, motion, foot, frames, spans)
             off = [_gaps(mask, *span) for mask, span in zip((heel, toe), spans, strict=True)]
-            stances.append(Stance(index, spans[0], spans[1], position, quat, *off))
+            stances.append(Stance(index, *spans, position, quat, off[0], off[1], pivot))
     return tuple(sorted(stances, key=lambda stance: (stance.start, stance.foot)))
 
 
@@ -139,6 +145,16 @@ def contacts_of(stances: Sequence[Stance], feet: Sequence[Foot]) -> tuple[Contac
         if end > start
     ]
     return tuple(sorted(found, key=lambda contact: (contact.start, contact.site)))
+
+
+def _yaw(pose: Pose, foot: Foot, start: int, end: int) -> Array:
+    """Return which way a foot points over the ground (end - start,), continuous [rad]."""
+    heel, toe = (
+        pose.site_xpos[start:end, site_id(pose.model, f"{foot.side}_{part}")]
+        for part in ("heel", "toe")
+    )
+    along = toe - heel
+    return np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
 
 
 def _span(mask: NDArray[np.bool_], start: int, end: int) -> tuple[int, int]:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from mjmotion.body.motion import Motion
 from mjmotion.footsteps.footholds import Foothold
-from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 
 Array = NDArray[np.float64]
 
@@ -31,13 +30,15 @@ LEVEL = 0.01  # footholds within this height of each other are on one level [m]
 def heading(clip: Motion) -> float | None:
     """Return the direction in which a clip sets off, about z from +x [rad]; None for no walk.
 
-    From its root's first place to the first that is ``SETS_OFF`` away, or to the furthest.
+    From its root's first place to the first that is ``SETS_OFF`` away; of one that stays nearer, to
+    the first that is ``TRAVELS`` away: where its first steps go, however it turns after them.
     """
     away = clip.qpos[:, :2] - clip.qpos[0, :2]
     far = np.hypot(away[:, 0], away[:, 1])
-    goal = int(np.argmax(far > SETS_OFF)) if (far > SETS_OFF).any() else int(np.argmax(far))
-    if far[goal] <= TRAVELS:
+    beyond = np.flatnonzero(far > (SETS_OFF if far.max() > SETS_OFF else TRAVELS))
+    if len(beyond) == 0:
         return None
+    goal = beyond[0]
     return float(np.arctan2(away[goal, 1], away[goal, 0]))
 
 
@@ -50,12 +51,7 @@ def set_off(clip: Motion) -> Motion:
     way = heading(clip)
     if way is None or abs(way) <= AHEAD:
         return clip
-    qpos = np.array(clip.qpos)
-    turn = yaw_quat(np.full(len(qpos), -way))
-    first = qpos[0, :3].copy()
-    qpos[:, :3] = rotate(turn, qpos[:, :3] - first) + first
-    qpos[:, 3:7] = multiply(turn, qpos[:, 3:7])
-    return clip.replace(qpos)
+    return clip.moved(-way, clip.qpos[0, :3], np.zeros(3))
 
 
 def never_met(root_path: Array, footholds: Sequence[Foothold], scene: mujoco.MjModel) -> bool:

@@ -42,6 +42,10 @@ class Holds:
             for mask, gaps in ((self.heel, stance.heel_off), (self.toe, stance.toe_off)):
                 for gap in gaps:
                     mask[slice(*gap)] = False
+            if (pivot := stance.pivot) is not None:
+                count = stance.end - stance.start
+                position, quat = pivot.posed(foot, foothold.position, foothold.quat)
+                self.position[span], self.quat[span] = position[:count], quat[:count]
         self.any = self.heel | self.toe
         self.flat = self.heel & self.toe
 

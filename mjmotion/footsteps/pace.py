@@ -76,10 +76,22 @@ class Pace:
 
     def stances(self, stances: Sequence[Stance]) -> tuple[Stance, ...]:
         """Return the stances at the new pace, on the same spots."""
-        return tuple(
-            dataclasses.replace(stance, heel=self.span(*stance.heel), toe=self.span(*stance.toe))
-            for stance in stances
+        return tuple(self._stance(stance) for stance in stances)
+
+    def _stance(self, stance: Stance) -> Stance:
+        """Return a stance at the new pace."""
+        new = dataclasses.replace(
+            stance,
+            heel=self.span(*stance.heel),
+            toe=self.span(*stance.toe),
+            heel_off=tuple(self.span(*gap) for gap in stance.heel_off),
+            toe_off=tuple(self.span(*gap) for gap in stance.toe_off),
         )
+        if stance.pivot is None:
+            return new
+        shown = self.at[new.start : new.end] - stance.start
+        turn = np.interp(shown, np.arange(len(stance.pivot.turn)), stance.pivot.turn)
+        return dataclasses.replace(new, pivot=dataclasses.replace(stance.pivot, turn=turn))
 
     def contacts(self, contacts: Sequence[Contact]) -> tuple[Contact, ...]:
         """Return the contacts at the new pace."""

@@ -45,7 +45,7 @@ from mjmotion.footsteps.rests import Rest, find_rests, knee_paths, kneeling, sit
 from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.footsteps.steps import bend_along, choose_footholds, loose_ends
 from mjmotion.ik import IKSolver
-from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
+from mjmotion.numerics.rotations import multiply, yaw_quat
 from mjmotion.route.way import Route, find_route
 from mjmotion.scene import Scene
 from mjmotion.scene.ground import Ground
@@ -116,11 +116,7 @@ class Plan:
 
 def place(clip: Motion, scene: Scene) -> Motion:
     """Return the clip moved to the scene's start: its origin there, its +x along the start's."""
-    qpos = np.array(clip.qpos)
-    turn = yaw_quat(np.full(len(qpos), scene.start_yaw))
-    qpos[:, :3] = rotate(turn, qpos[:, :3]) + scene.start_pos
-    qpos[:, 3:7] = multiply(turn, qpos[:, 3:7])
-    return clip.replace(qpos)
+    return clip.moved(scene.start_yaw, np.zeros(3), scene.start_pos)
 
 
 def make_plan(

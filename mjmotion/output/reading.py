@@ -6,6 +6,7 @@ motion, contacts = read_motion("out/walk")
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,6 +27,7 @@ from mjmotion.output.folder import BODY, CONTACTS, MODEL, MOTION, RECORDING, REP
 from mjmotion.output.result import Result
 
 _NEEDED = (MOTION, SOURCE, MODEL, CONTACTS)
+_OPTIONS = {"asf": "skeleton", "in_place": "travel", "loop": "length"}
 _OF_A_LEVEL = ("level", "frames_per_knot", "seconds", "max_error_percent")
 
 
@@ -97,6 +99,9 @@ def read_motion(
     mapping: str | Path | None = None,
     fps: float | None = None,
     asf: str | Path | None = None,
+    in_place: str | float | None = None,
+    loop: int = 1,
+    floor: str = "auto",
 ) -> LoadedMotion:
     """Return a motion that a user named: a file, a built-in clip, or a result folder.
 
@@ -106,6 +111,7 @@ def read_motion(
       mapping: for a recording: which of its joints is which.
       fps: rate of a clip in place of its file's own.
       asf: of an AMC file, its skeleton.
+      in_place, loop, floor: of a recording, as :func:`mjmotion.load_clip` takes them.
 
     Raises:
       ClipError: no such file or name, a damaged file, a skeleton that cannot be mapped.
@@ -114,18 +120,35 @@ def read_motion(
     """
     path = Path(what)
     if path.is_dir():
-        given = (("character", character), ("mapping", mapping), ("fps", fps), ("skeleton", asf))
-        for option, value in given:
-            if value is not None:
-                raise MotionError(f"'{path}' is a result folder and has its own {option}: leave it")
+        given = {"character": character, "mapping": mapping, "fps": fps, "asf": asf}
+        going = {"in_place": in_place, "loop": loop, "floor": floor}
+        check_folder_alone(path, {**given, **going})
         result = read_results(path)
         if result.body is not None:
             raise MotionError(
                 f"'{path}' holds a morph, whose body changes: give a motion of one body"
             )
         return LoadedMotion(result.motion, result.contacts)
-    motion = load_clip(what, character or "humanoid", mapping=mapping, fps=fps, asf=asf)
+    motion = load_clip(
+        what,
+        character or "humanoid",
+        mapping=mapping,
+        fps=fps,
+        asf=asf,
+        in_place=in_place,
+        loop=loop,
+        floor=floor,
+    )
     return LoadedMotion(motion, builtin_contacts(str(what)))
+
+
+def check_folder_alone(path: str | Path, reading: Mapping[str, Any]) -> None:
+    """Raise MotionError where a result folder comes together with how a file is to be read."""
+    plain = {"loop": 1, "floor": "auto"}
+    for option, value in reading.items():
+        if value != plain.get(option):
+            what = _OPTIONS.get(option, option)
+            raise MotionError(f"'{path}' is a result folder and has its own {what}: leave it")
 
 
 def load_model(path: str | Path) -> mujoco.MjModel:

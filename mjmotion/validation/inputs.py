@@ -32,6 +32,30 @@ class Contact(Protocol):
         """The frame after the last."""
 
 
+class Recorded(Protocol):
+    """Joints of a recording, upright and at the character's scale; see ``docs/figures.md``."""
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """(nrole) names such as ``left_knee``."""
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """(nrole) body of the character whose origin is to be at the role's joint."""
+
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """(nframe, nrole, 3) of the recorded joints [m]."""
+
+    @property
+    def turns(self) -> NDArray[np.float64]:
+        """(nframe, nrole, 4) their orientations in the world, wxyz."""
+
+    @property
+    def floor(self) -> NDArray[np.float64]:
+        """(nframe, nrole) height of the recorded ground under each [m]."""
+
+
 class ChangingBody(Protocol):
     """A character whose sizes are others in every frame."""
 

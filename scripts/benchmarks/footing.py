@@ -114,7 +114,11 @@ def _stones(seed: int, gap: float) -> mujoco.MjSpec:
         middle = np.array((x, y, 0.5 * top))
         half = np.array((*(0.5 * size), 0.5 * top))
         _block(
-            spec, f"stone{number}", middle - half, middle + half, np.radians(random.uniform(-20, 20))
+            spec,
+            f"stone{number}",
+            middle - half,
+            middle + half,
+            np.radians(random.uniform(-20, 20)),
         )
         side = -side
     far = x + spacing
@@ -210,7 +214,9 @@ def _soles(
     pose = Kinematics(motion.model, len(frames)).forward(motion.qpos[frames])
     row = np.arange(len(frames))
     heel, toe = (
-        pose.site_xpos[row, np.array([site_id(motion.model, f"{side}_{part}") for side in sides])[foot]]
+        pose.site_xpos[
+            row, np.array([site_id(motion.model, f"{side}_{part}") for side in sides])[foot]
+        ]
         for part in ("heel", "toe")
     )
     along = toe - heel
@@ -284,7 +290,9 @@ def measure(name: str, clip: Motion, kind: str, seed: int) -> Footing:
 
 def _repeats(steps: Steps) -> bool:
     """Whether a foot steps twice where it goes further than it would to stay."""
-    return bool((steps.again & (np.abs(steps.length) > 2.0 * np.abs(steps.source_length) + 0.05)).any())
+    return bool(
+        (steps.again & (np.abs(steps.length) > 2.0 * np.abs(steps.source_length) + 0.05)).any()
+    )
 
 
 def run(
@@ -310,6 +318,12 @@ def summary(what: str, found: Sequence[Footing]) -> list[Figure]:
         if mine:
             share = 100.0 * sum(not one.broken for one in mine) / len(mine)
             figures.append(
-                Figure("footing", f"{kind}, {what}: pairs that reach every bar", share, "%", least=SHARE)
+                Figure(
+                    "footing",
+                    f"{kind}, {what}: pairs that reach every bar",
+                    share,
+                    "%",
+                    least=SHARE,
+                )
             )
     return figures
