@@ -9,6 +9,7 @@
 | model.xml and assets | character and scene in one MJCF |
 | contacts.json | who stood where and when |
 | body.npz | of a morph: the character's size in every frame |
+| recording.npz | of a recording: its own joints, which the report compares with source.npz |
 | report.json, report.html | the figures |
 | video.mp4 | source and motion |
 """
@@ -26,9 +27,10 @@ from mjmotion.boundary.whole import locked, name_aside, put_in_place, tidy, writ
 from mjmotion.exceptions import OutputError
 
 MOTION, SOURCE, MODEL, CONTACTS = "motion.npz", "source.npz", "model.xml", "contacts.json"
-BODY, REPORT, PAGE, VIDEO = "body.npz", "report.json", "report.html", "video.mp4"
+BODY, RECORDING = "body.npz", "recording.npz"
+REPORT, PAGE, VIDEO = "report.json", "report.html", "video.mp4"
 FILES = (
-    *(MOTION, SOURCE, MODEL, CONTACTS, BODY, REPORT, PAGE, VIDEO),
+    *(MOTION, SOURCE, MODEL, CONTACTS, BODY, RECORDING, REPORT, PAGE, VIDEO),
     *("original.npz", "original.xml", "constraints.json"),  # of a rope climb
 )
 """Every file of a result but the assets of its models."""

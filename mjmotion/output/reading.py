@@ -15,6 +15,7 @@ import mujoco
 from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.morph_body import MorphBody
 from mjmotion.body.motion import Motion
+from mjmotion.body.recording import Recording
 from mjmotion.boundary.limits import MOST_COUNT, at_most, real_number, shown, whole_number
 from mjmotion.boundary.mjcf import check_mjcf, check_model
 from mjmotion.boundary.structured import read_json
@@ -23,7 +24,7 @@ from mjmotion.clips import builtin_contacts, load_clip
 from mjmotion.constraints.unmet import Unmet
 from mjmotion.exceptions import MotionError, mujoco_message
 from mjmotion.footsteps.contacts import Contact, load_contacts
-from mjmotion.output.folder import BODY, CONTACTS, MODEL, MOTION, REPORT, SOURCE
+from mjmotion.output.folder import BODY, CONTACTS, MODEL, MOTION, RECORDING, REPORT, SOURCE
 from mjmotion.output.result import Result
 
 _NEEDED = (MOTION, SOURCE, MODEL, CONTACTS)
@@ -56,6 +57,9 @@ def read_results(folder: str | Path) -> Result:
     model = character.model
     motion = Motion.load(folder / MOTION, character)
     source = Motion.load(folder / SOURCE, character)
+    if (folder / RECORDING).is_file():
+        recording = Recording.load(folder / RECORDING, source.nframe)
+        source = Motion(character, source.qpos, source.fps, recording)
     body = MorphBody.load(folder / BODY, model) if (folder / BODY).is_file() else None
     for name, other in ((SOURCE, source), (BODY, body)):
         if other is not None and other.nframe != motion.nframe:

@@ -27,6 +27,7 @@ from mjmotion.output.folder import (
     CONTACTS,
     MODEL,
     MOTION,
+    RECORDING,
     SOURCE,
     VIDEO,
     check_file,
@@ -298,6 +299,8 @@ def write_motions(folder: str | Path, result: Result) -> None:
         save_contacts(folder / CONTACTS, result.contacts)
         if result.body is not None:
             result.body.save(folder / BODY)
+        if result.source.recording is not None:
+            result.source.recording.save(folder / RECORDING)
     except OSError as error:
         raise OutputError(f"cannot write into '{folder}': {error.strerror or error}") from error
     spec = result.motion.character.spec.copy()

@@ -21,6 +21,8 @@ from mjmotion.validation.sheet import Sheet
 Array = NDArray[np.float64]
 
 TURN_CUTOFF = 6.0  # [Hz] of the low-pass of what a foot turns
+TURN_SHARE = 95.0  # percentile of the differences in that which counts
+STANDS = 0.4  # [m/s] a recorded ball that is slower stands
 NOISE_CUTOFF = 10.0  # [Hz] what a recorded joint does faster is taken for noise
 HEIGHT_SHARE = 5.0  # percentile of a foot's heights at which it stands
 _MM = 1000.0
@@ -75,19 +77,36 @@ def mapping_figures(sheet: Sheet, source: Motion, recording: Recorded) -> None:
     _bones(sheet, pair)
     _facing(sheet, pair)
     _foot_heights(sheet, pair)
-    turns = np.asarray(recording.turns)[:, known]
+    _foot_turns(sheet, pair, (np.asarray(recording.turns)[:, known], turn), source.fps)
+
+
+def _foot_turns(sheet: Sheet, pair: _Pair, turns: tuple[Array, Array], fps: float) -> None:
+    """How much faster or slower feet that stand turn about the vertical than recorded.
+
+    Args:
+      sheet: where to.
+      pair: both, by role.
+      turns: (nframe, nrole, 4) orientations, recorded and of the motion.
+      fps: frames a second.
+    """
     for side in _SIDES:
-        if (column := roles.get(f"{side}_ankle")) is not None:
-            own, before = (
-                turn_rate(quats, source.fps) for quats in (turn[:, column], turns[:, column])
-            )
-            sheet.per_frame[f"foot_turn_deg_s/{side}"] = own
-            sheet.per_frame[f"recorded_foot_turn_deg_s/{side}"] = before
-            off = np.abs(own - before)
-            worst = int(off.argmax())
-            if not off[worst] <= sheet.metrics["mapping_foot_turn_deg_s"]:
-                where = f"{side} foot: {own[worst]:.0f}°/s, recorded {before[worst]:.0f}"
-                sheet.note("mapping_foot_turn_deg_s", float(off[worst]), worst, where)
+        column = pair.roles.get(f"{side}_ankle")
+        if column is None:
+            continue
+        before, own = (turn_rate(quats[:, column], fps) for quats in turns)
+        sheet.per_frame[f"foot_turn_deg_s/{side}"] = own
+        sheet.per_frame[f"recorded_foot_turn_deg_s/{side}"] = before
+        ball = pair.recorded[:, pair.roles.get(f"{side}_toe", column)]
+        smooth = low_pass(ball, TURN_CUTOFF, fps)
+        speed = np.linalg.norm(np.gradient(smooth, axis=0), axis=1) * fps if len(ball) > 1 else 0.0
+        stands = np.broadcast_to(speed < STANDS, own.shape)
+        if not stands.any():
+            continue
+        off = np.where(stands, np.abs(own - before), 0.0)
+        worst, value = int(off.argmax()), float(np.percentile(off[stands], TURN_SHARE))
+        if not value <= sheet.metrics["mapping_foot_turn_deg_s"]:
+            where = f"{side} foot: {own[worst]:.0f}°/s, recorded {before[worst]:.0f}"
+            sheet.note("mapping_foot_turn_deg_s", value, worst, where)
 
 
 def turn_rate(quats: Array, fps: float) -> Array:
@@ -177,25 +196,24 @@ def _facing(sheet: Sheet, pair: _Pair) -> None:
 
 
 def _foot_heights(sheet: Sheet, pair: _Pair) -> None:
-    """How much higher or lower over the floor ankles and balls are than recorded.
+    """How much higher or lower over the floor ankles are than recorded.
 
-    What a joint has over the floor as its foot stands is its body's own: the lowest 5 % of its
+    What an ankle has over the floor as its foot stands is its body's own: the lowest 5 % of its
     heights are taken for one another.
     """
+    name = "mapping_foot_height_mm"
     for side in _SIDES:
-        for part in ("ankle", "toe"):
-            column = pair.roles.get(f"{side}_{part}")
-            if column is None:
-                continue
-            before = pair.recorded[:, column, 2] - pair.floor[:, column]
-            own = pair.motion[:, column, 2]
-            before, own = (h - np.percentile(h, HEIGHT_SHARE) for h in (before, own))
-            off = np.abs(own - before) * _MM
-            name = "mapping_foot_height_mm"
-            sheet.per_frame[f"{name}/{side}_{part}"] = (own - before) * _MM
-            value, frame = float(np.percentile(off, 95.0)), int(off.argmax())
-            if not value <= sheet.metrics[name]:
-                sheet.note(name, value, frame, f"{side} {part}: {off[frame]:.0f}")
+        column = pair.roles.get(f"{side}_ankle")
+        if column is None:
+            continue
+        before = pair.recorded[:, column, 2] - pair.floor[:, column]
+        own = pair.motion[:, column, 2]
+        before, own = (h - np.percentile(h, HEIGHT_SHARE) for h in (before, own))
+        sheet.per_frame[f"{name}/{side}"] = (own - before) * _MM
+        off = np.abs(own - before) * _MM
+        value, frame = float(np.percentile(off, 95.0)), int(off.argmax())
+        if not value <= sheet.metrics[name]:
+            sheet.note(name, value, frame, f"{side} ankle: {off[frame]:.0f}")
     used = [pair.roles[f"{side}_ankle"] for side in _SIDES if f"{side}_ankle" in pair.roles]
     if used:
         sheet.note("recording_floor_mm", float(np.ptp(pair.floor[:, used])) * _MM, None, "")
