@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import results_page
-from benchmarks import editing, levels, paper, quality, spacetime, speed, startup
+from benchmarks import editing, levels, paper, quality, rough, spacetime, speed, startup
 from benchmarks.figures import markdown, print_figures
 
 from mjmotion.exceptions import MotionError
@@ -25,7 +25,7 @@ from mjmotion.paper.figures import Figure
 from mjmotion.paper.terrain import make_job
 from mjmotion.paper.timing import machine
 
-PARTS = ("quality", "levels", "speed", "editing", "paper", "spacetime", "cli")
+PARTS = ("quality", "rough", "levels", "speed", "editing", "paper", "spacetime", "cli")
 PACKAGES = ("mujoco", "numpy", "mink")  # whose versions the page names
 
 
@@ -43,7 +43,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--clips",
         nargs="+",
-        help="for quality: names or files; those held back are left out",
+        help="for quality and rough: names or files; those held back are left out",
     )
     parser.add_argument(
         "--scenes", nargs="+", default=quality.SCENES, help="for quality: names or files"
@@ -96,6 +96,9 @@ def measure(
     if "quality" in parts:
         figures, pairs = measure_quality(clips, scenes)
         data |= pairs
+    if "rough" in parts:
+        print_line("\nrough ground: bumps, small boxes and rods underfoot")
+        figures += rough.run(print_line, clips)
     if "levels" in parts:
         print_line("\nlevels of the terrain job: largest error [% of height]")
         figures += levels.run(make_job(), print_line)

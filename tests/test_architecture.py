@@ -25,6 +25,7 @@ MAP = (
     "scene",
     "ik",
     "fitting",
+    "route",
     "footsteps",
     "clips",
     "validation",

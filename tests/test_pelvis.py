@@ -110,7 +110,7 @@ def test_a_foot_pushes_off_where_the_root_rises_too_early() -> None:
     plan = planned("level")
     source = plan.source
     pose = Kinematics(source.model, source.nframe).forward(source.qpos)
-    rolling = root_shift(source, pose, plan.paths, plan.contacts, ROLLING)
+    rolling, _ = root_shift(source, pose, plan.paths, plan.contacts, ROLLING)
     for tip in push_offs(source, pose, plan.paths, plan.contacts, rolling):
         assert tip.max() < 0.02  # 2 mm at the ankle, over a ball that is 0.14 m from it
     risen = rolling + (0.0, 0.0, 0.06)
@@ -195,8 +195,8 @@ def test_an_ankle_that_can_bend_no_further_holds_the_root_up() -> None:
         paths.append(dataclasses.replace(path, shift=path.shift + (0.0, 0.0, height)))
     low = [Contact("left_heel", 0, 60), Contact("left_toe", 0, 60)]
     both = [*low, Contact("right_heel", 0, 60), Contact("right_toe", 0, 60)]
-    free = root_shift(motion, pose, paths, low)[:, 2]
-    held = root_shift(motion, pose, paths, both)[:, 2]
+    free = root_shift(motion, pose, paths, low)[0][:, 2]
+    held = root_shift(motion, pose, paths, both)[0][:, 2]
     np.testing.assert_allclose(free, rise / 2.0, atol=0.003)
     assert (held > rise / 2.0 + 0.01).all() and (held < rise + 0.003).all()
 
@@ -212,15 +212,16 @@ def test_hips_stay_back_where_an_ankle_would_bend_too_far() -> None:
         tilted = np.tile(exp(np.array((0.0, -slope, 0.0))), (motion.nframe, 1))
         paths.append(dataclasses.replace(flat_paths[-1], quat=tilted))
         contacts += [Contact(f"{foot.side}_{part}", 0, motion.nframe) for part in ("heel", "toe")]
-    level = root_shift(motion, pose, flat_paths, contacts)
-    uphill = root_shift(motion, pose, paths, contacts)
+    level, _ = root_shift(motion, pose, flat_paths, contacts)
+    uphill, back = root_shift(motion, pose, paths, contacts)
     assert np.abs(level).max() < 0.003
     # Back along the way that it faces, which is +x, and no further than it may.
     assert (uphill[:, 0] < -0.02).all() and (uphill[:, 0] >= -MOST_BACK).all()
     np.testing.assert_allclose(uphill[:, 1], 0.0, atol=1e-6)
+    np.testing.assert_allclose(back, -uphill[:, 0], atol=0.003)
     # With heels off the ground nothing asks for it.
     toes = [contact for contact in contacts if contact.site.endswith("toe")]
-    np.testing.assert_allclose(root_shift(motion, pose, paths, toes)[:, 0], 0.0, atol=1e-6)
+    np.testing.assert_allclose(root_shift(motion, pose, paths, toes)[0][:, 0], 0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("fps", [30.0, 120.0])

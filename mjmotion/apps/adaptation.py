@@ -24,6 +24,7 @@ from mjmotion.apps.clearing import (
     with_arms_swung,
     with_knees_apart,
 )
+from mjmotion.apps.steadying import steadied
 from mjmotion.body.character import Character
 from mjmotion.body.kinematics import Kinematics, site_id, site_positions
 from mjmotion.body.motion import Motion
@@ -40,12 +41,15 @@ from mjmotion.constraints.shared_targets import with_moves
 from mjmotion.constraints.unmet import find_unmet
 from mjmotion.exceptions import FitError, unknown_name
 from mjmotion.fitting import FINEST, TOLERANCE, Fit, fit, whole
+from mjmotion.footsteps.above_ground import above_ground
 from mjmotion.footsteps.ankles import SHORTEST, relax_ankles, trim_toe_contacts
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.heading import HEADINGS, never_met, set_off
+from mjmotion.footsteps.lean import leaning
 from mjmotion.footsteps.obstacles import ObstacleClearance
 from mjmotion.footsteps.paths import with_toes
 from mjmotion.footsteps.plan import Plan, make_plan, shifted, with_free_footholds
+from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.ik import IKSolver, make_solver
 from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.progress import Progress, no_progress
@@ -68,6 +72,7 @@ def adapt(  # more than eight parameters: all but the first two have a default
     constraints: Sequence[Constraint] = (),
     free_footholds: bool = False,
     heading: str = "start",
+    planning: PlanSettings | None = None,
     levels: Sequence[float] | None = None,
     tolerance: float = TOLERANCE,
     ik: str | IKSolver = "hybrid",
@@ -84,6 +89,7 @@ def adapt(  # more than eight parameters: all but the first two have a default
       free_footholds: let footholds move as a whole to where the walk changes least (§7).
       heading: ``"start"``: the walk sets off along the start's x-axis, whatever its own way;
         ``"keep"``: its own +x is put there.
+      planning: what of the walk may change, such as its way.
       levels: frames a knot of each level, coarse to fine.
       tolerance: refinement stops once no constraint is off by more [m].
       ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
@@ -100,7 +106,7 @@ def adapt(  # more than eight parameters: all but the first two have a default
     check_constraints(constraints)
     composed = compose(motion.character, scene)
     progress("contacts and footholds", 0, 0)
-    plan = make_plan(motion, scene, contacts)
+    plan = make_plan(motion, scene, contacts, planning)
     if free_footholds:
         plan = with_free_footholds(plan, scene, ik)
     settings = FitSettings(levels, tolerance, ik, progress)
@@ -149,7 +155,7 @@ def fit_plan(
     near = _within_reach(asked, guess)
     asked_for = [*plan.constraints(), *near]
     result = fit(
-        plan.source,
+        plan.source if plan.back is None else leaning(plan.source, plan.back),
         asked_for,
         levels=settings.levels,
         tolerance=settings.tolerance,
@@ -161,6 +167,7 @@ def fit_plan(
     if plan.obstacles:
         clearance = ObstacleClearance(character, plan.obstacles, nframe)
         result = past_obstacles(result, asked_for, clearance, solver, settings)
+    result = steadied(plan, result, asked_for, solver, clearance)
     plan, result = _with_relaxed_ankles(plan, result, near, solver, clearance)
     result = with_knees_apart(plan, result, near, clearance)
     result = with_arms_swung(plan, result, near, clearance, composed)
@@ -170,13 +177,14 @@ def fit_plan(
     # Against what was asked for, not what was brought within reach; free targets where they went.
     wanted = [*plan.constraints(), *with_moves(asked, result.moves)]
     targets = lay_out(wanted, character.model, nframe)
-    source = plan.source.on(composed)
+    source = (plan.recorded or plan.source).on(composed)
     return Result(
         source,
         source.replace(with_toes(result.motion, plan.paths).qpos),
         plan.contacts,
         result.trace,
         find_unmet(result.motion, targets, wanted),
+        recording=None if plan.original is None else plan.original.on(composed),
     )
 
 
@@ -198,6 +206,7 @@ def _with_relaxed_ankles(
         paths, contacts = relax_ankles(result.motion, feet, plan.paths, plan.contacts, plan.source)
         if paths == plan.paths:
             break
+        paths = above_ground(feet, paths, plan.paths, contacts, plan.ground, motion.fps)
         contacts = trim_toe_contacts(
             contacts,
             motion.character.feet,

@@ -21,6 +21,8 @@ from mjmotion.numerics.rotations import conjugate, exp, from_matrix, log, multip
 Array = NDArray[np.float64]
 
 SOLE_BAND = 0.004  # foot geometry this close to the sole plane counts as sole [m]
+UNDER_STEP = 0.022  # how far apart points of an underside are: no small thing is missed [m]
+_DOWN = 0.2  # upward part of the normals of faces that some pitch of a foot turns down
 STIFFENS = 0.25  # how far before the end of their range toes begin to bend less [rad]
 _NEARLY = 0.999  # of their range that toes are taken to be bent by at most
 _ON_EDGE = 1e-9  # a point of the grid this near to the outline is inside [m]
@@ -98,8 +100,10 @@ class Foot:
       sole: (k, 3) points of the sole, its outline and its inside, in the same frame [m]; of toes as
         they lie in the plane of the sole, and the last two the ends of their hinge.
       shape: (k, 3) points of the whole foot's surface, likewise [m].
+      under: (k, 3) points of what of that can be lowest, closer to each other, likewise [m].
       toes: its toes, where they bend.
       bends: (k,) which points of ``shape`` are the toes'.
+      under_bends: (k,) which points of ``under`` are.
     """
 
     side: str
@@ -109,8 +113,10 @@ class Foot:
     toe: Array
     sole: Array
     shape: Array
+    under: Array
     toes: Toes | None
     bends: NDArray[np.bool_]
+    under_bends: NDArray[np.bool_]
 
     @property
     def bodies(self) -> tuple[int, ...]:
@@ -142,6 +148,10 @@ class Foot:
     def shape_at(self, bend: Array) -> Array:
         """Return the points of the shape with the toes bent up by (n,) [rad]: (n, k, 3) [m]."""
         return self._at(self.shape, self.bends, bend)
+
+    def under_at(self, bend: Array) -> Array:
+        """Return the points of the underside, toes bent up by (n,) [rad]: (n, k, 3) [m]."""
+        return self._at(self.under, self.under_bends, bend)
 
     def _at(self, points: Array, bends: NDArray[np.bool_], bend: Array) -> Array:
         posed = np.tile(points, (len(bend), 1, 1))
@@ -188,21 +198,36 @@ def _foot(model: mujoco.MjModel, side: str, body: int, sites: tuple[int, int, in
     points = np.concatenate((rigid, front))
     low = points[:, 2] < points[:, 2].min() + SOLE_BAND
     sole = np.concatenate((local, _fill(points[low])))
-    if toes is None:
-        shape = np.concatenate((sole, _hull(points)))
-        none = np.zeros(len(shape), dtype=bool)
-        return Foot(side, body, f"{side}_foot", local[0], local[1], sole, shape, None, none)
-    # What of the sole lies ahead of the hinge is the toes'. On the ends of the hinge a foot tilts.
-    across = points[low] @ toes.axis
-    ends = points[low][[across.argmin(), across.argmax()]]
-    ahead = np.cross((0.0, 0.0, 1.0), toes.axis)
-    ends = ends - ((ends - toes.anchor) @ ahead)[:, None] * ahead
-    sole = np.concatenate((sole, ends))
-    bends = (sole - toes.anchor) @ ahead > _ON_EDGE
-    corners = [_hull(part) for part in (rigid, front)]
-    shape = np.concatenate((sole, *corners))
-    bends = np.concatenate((bends, np.repeat((False, True), [len(part) for part in corners])))
-    return Foot(side, body, f"{side}_foot", local[0], local[1], sole, shape, toes, bends)
+    close = _fill(points[low], UNDER_STEP, edges=True)
+    parts = [rigid] if toes is None else [rigid, front]
+    corners, lowest = [_hull(part) for part in parts], [_hull(part, down=True) for part in parts]
+    ahead = np.zeros(3)
+    if toes is not None:
+        # What of the sole lies ahead of the hinge is the toes'. On the hinge's ends a foot tilts.
+        across = points[low] @ toes.axis
+        ends = points[low][[across.argmin(), across.argmax()]]
+        ahead = np.cross((0.0, 0.0, 1.0), toes.axis)
+        ends = ends - ((ends - toes.anchor) @ ahead)[:, None] * ahead
+        sole = np.concatenate((sole, ends))
+    anchor = np.zeros(3) if toes is None else toes.anchor
+    bends, close_bends = ((part - anchor) @ ahead > _ON_EDGE for part in (sole, close))
+    whole, low_whole = (
+        np.repeat((False, True)[: len(some)], [len(part) for part in some])
+        for some in (corners, lowest)
+    )
+    return Foot(
+        side,
+        body,
+        f"{side}_foot",
+        local[0],
+        local[1],
+        sole,
+        np.concatenate((sole, *corners)),
+        np.concatenate((sole, close, *lowest)),
+        toes,
+        np.concatenate((bends, whole)),
+        np.concatenate((bends, close_bends, low_whole)),
+    )
 
 
 def _toes(
@@ -247,29 +272,34 @@ def _toes(
     return toes, (points - origin) @ frame
 
 
-def _hull(points: Array) -> Array:
-    """Corners of the convex hull of points, thinned to some forty."""
+def _hull(points: Array, *, down: bool = False) -> Array:
+    """Corners of the convex hull of points, or of its faces that look ``down``: some forty."""
     from scipy.spatial import ConvexHull
 
-    corners = points[ConvexHull(points).vertices]
+    hull = ConvexHull(points)
+    faces = hull.simplices[hull.equations[:, 2] < _DOWN]
+    corners = points[np.unique(faces) if down else hull.vertices]
     return corners[:: max(1, len(corners) // 40)]
 
 
-def _fill(points: Array) -> Array:
-    """Outline points and a grid within them: enough that ground cannot rise between unseen."""
+def _fill(points: Array, step: float = 0.045, *, edges: bool = False) -> Array:
+    """Outline points and a grid within them, and the ``edges`` between: all ``step`` apart [m]."""
     from scipy.spatial import ConvexHull
 
     plane = points[:, :2]
     around = ConvexHull(plane)
     hull = plane[around.vertices]
     low, high = hull.min(axis=0), hull.max(axis=0)
-    count = np.maximum(2, np.round((high - low) / 0.045).astype(int))
+    count = np.maximum(2, np.round((high - low) / step).astype(int))
     axes = [np.linspace(low[i], high[i], count[i] + 1) for i in range(2)]
     grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     # Inside is the inner side of every edge. (To look for its triangle in a Delaunay triangulation
     # asks LAPACK, whose threads take 150 ms to wake on a busy machine.)
     outside = grid @ around.equations[:, :2].T + around.equations[:, 2]
     inside = grid[(outside < _ON_EDGE).all(axis=1)]
-    thin = hull[:: max(1, len(hull) // 12)]
-    flat = np.concatenate((thin, inside))
+    rim = [hull[:: max(1, len(hull) // 12)]]
+    for corner, way in zip(hull, np.roll(hull, -1, axis=0) - hull, strict=True) if edges else ():
+        parts = max(1, int(np.ceil(np.linalg.norm(way) / step)))
+        rim.append(corner + way * (np.arange(1, parts) / parts)[:, None])
+    flat = np.concatenate((*rim, inside))
     return np.column_stack((flat, np.full(len(flat), points[:, 2].min())))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.kinematics import Kinematics, Pose, level_side
+from mjmotion.body.mass import centre_of_mass
 from mjmotion.body.motion import Motion
 from mjmotion.body.parts import Parts
 from mjmotion.exceptions import ModelError
@@ -95,15 +96,15 @@ class _Bowing:
         pose = self._kinematics.forward(motion.qpos)
         side = level_side(pose)
         self._forward = cross(side, np.array((0.0, 0.0, 1.0)))
-        self._unit = _unit(motion, parts, pose, side)
-        self._com = _centre_of_mass(pose)
+        self._unit = bend_forwards(motion, parts, pose, side)
+        self._com = centre_of_mass(pose)
 
     def posed(self, bent: Array, sunk: Array, rows: NDArray[np.int64] | None = None) -> Array:
         """Return poses (n, nq) bowed by (n,) [rad] and sunk by (n,) [m]; of all frames, or some."""
         rows = np.arange(self._motion.nframe) if rows is None else rows
         model = self._motion.model
         qpos = oplus(model, self._motion.qpos[rows], bent[:, None] * self._unit[rows])
-        moved = _centre_of_mass(self._kinematics.forward(qpos, rows)) - self._com[rows]
+        moved = centre_of_mass(self._kinematics.forward(qpos, rows)) - self._com[rows]
         ahead = (moved * self._forward[rows]).sum(axis=1, keepdims=True)
         qpos[:, :3] -= OVER_FEET * ahead * self._forward[rows]
         qpos[:, 2] -= sunk
@@ -128,18 +129,17 @@ class _Bowing:
         return most, rest
 
 
-def _centre_of_mass(pose: Pose) -> Array:
-    """Return the centre of mass (n, 3) [m]."""
-    mass = pose.model.body_mass
-    place = pose.xpos + rotate(pose.xquat, pose.model.body_ipos)
-    return np.asarray((mass[:, None] * place).sum(axis=1) / mass.sum())
-
-
-def _unit(motion: Motion, parts: Parts, pose: Pose, side: Array) -> Array:
-    """Return the displacement (nframe, nv) of a bow by one radian.
+def bend_forwards(motion: Motion, parts: Parts, pose: Pose, side: Array) -> Array:
+    """Return the displacement (nframe, nv) of a trunk bent forwards by one radian.
 
     What bends a body turns about one axis of the world, the same for all, so each joint's own share
     stays right whatever the others do.
+
+    Args:
+      motion: the motion.
+      parts: of its character.
+      pose: its poses.
+      side: (nframe, 3) the body's level axis to its left.
     """
     model = motion.model
     unit = np.zeros((motion.nframe, model.nv))

@@ -25,7 +25,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.boundary.limits import MOST_FRAMES, shown, whole_number
 from mjmotion.boundary.structured import read_json
 from mjmotion.exceptions import ContactError, wrong_type
-from mjmotion.footsteps.raised import bears
+from mjmotion.footsteps.raised import not_raised
 
 Array = NDArray[np.float64]
 
@@ -33,13 +33,16 @@ _FLOOR_POINTS = 20  # places of standing sites that tell a floor at least
 _FLOOR_SPREAD = 0.015  # how far they must spread either way [m]
 _FLOOR_TILTED = 3.0  # how much nearer to a tilted plane than to a level one they must be
 _SUFFIXES = ("_heel", "_toe")
+_FLOOR_SHARE = 10.0  # percentile of the heights of what is lowest that is on a clip's floor
+_RESTS = ("_knee", "_palm", "seat")  # what else can rest on the ground
 
 
 @dataclasses.dataclass(frozen=True)
 class Contact:
     """One site standing on something from frame ``start`` up to, not including, frame ``end``.
 
-    Heels and toes stand on ground; any other site, such as a hand, holds on to what is there.
+    Heels, toes, knees, palms and a seat stand on ground; any other site, such as a hand, holds on
+    to what is there.
     """
 
     site: str
@@ -48,8 +51,13 @@ class Contact:
 
     @property
     def stands(self) -> bool:
-        """Whether it is a heel's or a toe's, which stand on ground."""
-        return self.site.endswith(_SUFFIXES)
+        """Whether it is a heel's, a toe's, a knee's, a palm's or a seat's: they stand on ground."""
+        return self.site.endswith(_SUFFIXES + _RESTS)
+
+    @property
+    def rests(self) -> bool:
+        """Whether it is one of those and none of a foot's."""
+        return self.site.endswith(_RESTS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,6 +74,10 @@ class ContactSettings:
       window: the ground is the lowest support within this time on either side [s].
       still: slower than this, all sites of a foot stand as the floor lies [m/s].
       tilt: how much higher than its lowest site a site of a foot may stand on a tilted floor [m].
+      rest_low, rest_high: height over the floor below which a knee, a palm or a seat can begin to
+        rest, above which it rests no more [m].
+      rest_slow, rest_fast: the same of its speed [m/s].
+      rest_shortest: what rests for a shorter time is dropped [s].
     """
 
     low: float = 0.02
@@ -79,6 +91,11 @@ class ContactSettings:
     window: float = 0.6
     still: float = 0.1
     tilt: float = 0.04
+    rest_low: float = 0.06
+    rest_high: float = 0.09
+    rest_slow: float = 0.15
+    rest_fast: float = 0.3
+    rest_shortest: float = 0.15
 
 
 def contact_sites(model: mujoco.MjModel) -> list[str]:
@@ -97,7 +114,8 @@ def detect_contacts(
 
     Args:
       motion: any motion; its ground need not be flat nor at zero.
-      sites: sites that can stand; :func:`contact_sites` without.
+      sites: sites that can stand; :func:`contact_sites` without, and then knees, palms and a seat
+        that rest on the clip's lowest floor too. A foot whose knee rests does not stand.
       settings: thresholds.
 
     Returns:
@@ -123,7 +141,7 @@ def detect_contacts(
         )
         for body in np.unique(bodies)
     }
-    found: list[tuple[int, Contact]] = []
+    found = []
     for column, name in enumerate(chosen):
         foot = bodies == bodies[column]
         ground = grounds[bodies[column]]
@@ -138,35 +156,51 @@ def detect_contacts(
         for start, end in (_resting(height, run, settings.rise) for run in runs):
             whole = start == 0 or end == motion.nframe
             if end - start >= settings.shortest * motion.fps or (whole and end - start > 1):
-                found.append((int(bodies[column]), Contact(name, start, end)))
+                found.append(Contact(name, start, end))
     lowest = {body: position[:, bodies == body, 2].min(axis=1) for body in np.unique(bodies)}
-    kept = _standing(found, lowest, motion.fps)
-    return tuple(sorted(kept, key=lambda contact: (contact.start, contact.site)))
+    owner = dict(zip(chosen, bodies.tolist(), strict=True))
+    spans = [(owner[one.site], one.start, one.end) for one in found]
+    stands = not_raised(spans, lowest, motion.fps)
+    found = [one for one, stood in zip(found, stands, strict=True) if stood]
+    if sites is None:
+        found = _with_rests(found, motion, pose.site_xpos, ids, settings)
+    return tuple(sorted(found, key=lambda contact: (contact.start, contact.site)))
 
 
-def _standing(
-    found: Sequence[tuple[int, Contact]], lowest: dict[int, Array], fps: float
+def _with_rests(
+    found: list[Contact],
+    motion: Motion,
+    place: Array,
+    soles: Sequence[int],
+    settings: ContactSettings,
 ) -> list[Contact]:
-    """Return the contacts, each given with its foot, of feet that are not just held in the air.
-
-    Args:
-      found: foot and contact.
-      lowest: (nframe,) height of the lowest site of each foot [m].
-      fps: frames a second.
-    """
-    rests = {foot: np.zeros(len(height), dtype=bool) for foot, height in lowest.items()}
-    for foot, contact in found:
-        rests[foot][contact.start : contact.end] = True
-    kept = []
-    for foot, contact in found:
-        others = [other for other in rests if other != foot]
-        heights = [np.where(rests[other], lowest[other], np.inf) for other in others]
-        under = np.min(heights, axis=0) if heights else np.full(len(lowest[foot]), np.inf)
-        under = np.where(np.isfinite(under), under, np.nan)
-        run = (contact.start, contact.end)
-        if bears(run, lowest[foot], under, [rests[other] for other in others], fps):
-            kept.append(contact)
-    return kept
+    """Return contacts with those of knees, palms and a seat, without feet whose knee rests."""
+    model, fps = motion.model, motion.fps
+    mine = np.flatnonzero(model.body_rootid[model.site_bodyid] == root_body(model))
+    ids = [int(site) for site in mine if model.site(int(site)).name.endswith(_RESTS)]
+    # What is lowest is on the floor in most frames.
+    floor = float(np.percentile(place[:, [*ids, *soles], 2].min(axis=1), _FLOOR_SHARE))
+    ids = [site for site in ids if place[:, site, 2].min() - floor < settings.rest_low]
+    if not ids:
+        return found
+    position = _moving_average(place[:, ids], settings.smoothing * fps)
+    height, pace = position[..., 2] - floor, _speed(position, fps)
+    begin = (height < settings.rest_low) & (pace < settings.rest_slow)
+    stay = (height < settings.rest_high) & (pace < settings.rest_fast)
+    rests = [
+        Contact(model.site(site).name, start, end)
+        for column, site in enumerate(ids)
+        for start, end in _merged(hysteresis(begin[:, column], stay[:, column]), settings.gap * fps)
+        if end - start >= settings.rest_shortest * fps
+    ]
+    for side in {one.site.removesuffix("_knee") for one in rests if one.site.endswith("_knee")}:
+        kneels = contact_mask(rests, f"{side}_knee", motion.nframe)
+        for name in (f"{side}{suffix}" for suffix in _SUFFIXES):
+            left = contact_mask(found, name, motion.nframe) & ~kneels
+            runs = hysteresis(left, left)
+            found = [one for one in found if one.site != name]
+            found += [Contact(name, *run) for run in runs if np.ptp(run) >= settings.shortest * fps]
+    return found + rests
 
 
 def _moving_average(values: Array, width: float) -> Array:

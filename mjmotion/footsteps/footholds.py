@@ -9,7 +9,7 @@ over one or stand in a wall.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,24 +20,28 @@ from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, SceneError, frame_list
 from mjmotion.footsteps.contacts import Contact, contact_mask
 from mjmotion.footsteps.pivots import Pivot, find_pivot
-from mjmotion.footsteps.under_toes import toes_on_ground, under_toes
-from mjmotion.numerics.rotations import cross, from_matrix, multiply, normalized, rotate, yaw_quat
+from mjmotion.footsteps.rough import RISEN, settled_near
+from mjmotion.footsteps.settling import Plates, Tread
+from mjmotion.footsteps.soles import Placed, set_down, walled
+from mjmotion.footsteps.under_toes import toes_on_ground
+from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
 
-EDGE_MARGIN = 0.015  # how far inside an edge a sole keeps [m]
 ROUGH = 0.005  # how far ground may be from the sole plane before a better spot is sought [m]
 FIELD_ROUGH = 0.010  # the same on heightfields, which are nowhere quite flat [m]
-SINK = 0.0032  # how far the ground may rise into the sole [m]
 SEARCH_RADIUS = 0.34  # how far a foothold may move [m]
-APPROACH = 0.06  # how far before the toe and behind the heel no step may rise [m]
-CROWD_COST = 0.06  # way that half of that space is worth [m]
+NEARER = 0.05  # how much nearer a sole must settle for that to be worth it [m]
 FEET_APART = 0.02  # how far beside the other foot a foot is set down, where the source does [m]
 CROSSING = 0.06  # how much further across it may be, behind or before the other [m]
-STEP = 0.02  # a rise there that counts as a step [m]
+CROWD_COST = 0.06  # way that half of that space is worth [m]
 _RINGS, _RAYS = 17, 16
-_ANKLE = 0.10  # height over the sole at which walls are felt for [m]
+FINE_STEP = 0.005  # distance of the spots that are tried around a chosen one [m]
+FINE_AHEAD, FINE_ASIDE = 10, 2  # so many of them ahead, and of four times that distance aside
+FINE_MARGINS = (0.015, 0.007, 0.001)  # how far inside an edge a sole keeps, if it can [m]
+FINE_CROWD = 0.02  # way that half of the space before a step is worth there [m]
+SAME_LEVEL = 0.06  # ground this near in height to a chosen spot is the one that was meant [m]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -194,66 +198,81 @@ def find_footholds(
     Raises:
       SceneError: there is nothing to stand on within reach of a stance.
     """
+    return _in_turn(
+        stances, feet, ground, lambda before: start_height if before is None else before
+    )
+
+
+def footholds_at(
+    stances: Sequence[Stance], feet: Sequence[Foot], ground: Ground, heights: Sequence[float]
+) -> tuple[Foothold, ...]:
+    """Place every stance on the ground of its own height, as near to its spot as that is good.
+
+    Args:
+      stances: in order of time, at spots that were chosen to within a few centimetres.
+      feet: the feet they are of.
+      ground: the scene's surfaces.
+      heights: of the ground at each, about [m].
+
+    Raises:
+      SceneError: there is nothing to stand on within reach of a stance.
+    """
+    own = iter(heights)
+    return _in_turn(stances, feet, ground, lambda _: next(own), near=True)
+
+
+def _in_turn(
+    stances: Sequence[Stance],
+    feet: Sequence[Foot],
+    ground: Ground,
+    height_after: Callable[[float | None], float],
+    *,
+    near: bool = False,
+) -> tuple[Foothold, ...]:
+    """Place stances one after the other, each on ground of the height that the last one tells.
+
+    With ``near``, spots a few centimetres away are tried before any that are further.
+    """
     footholds: list[Foothold] = []
-    height = start_height
+    before: float | None = None
+    treads = [Tread.of(foot) for foot in feet]
     last: dict[int, tuple[Stance, Foothold]] = {}
     for stance in stances:
         foot = feet[stance.foot]
         others = [
-            _Beside.of(stance, foot, *one, feet) for i, one in last.items() if i != stance.foot
+            Beside.of(stance, foot, *one, feet) for i, one in last.items() if i != stance.foot
         ]
-        spot = np.array((*stance.source_pos[:2], height))
-        place = _place(foot, ground, spot[None], stance.source_quat)
+        spot = np.array((*stance.source_pos[:2], height_after(before)))
+        place = set_down(foot, ground, spot[None], stance.source_quat)
         rough = ROUGH
         if place.fault[0] <= FIELD_ROUGH:
             sole = spot + rotate(stance.source_quat, foot.sole)
             rough = FIELD_ROUGH if ground.on_field(sole) else ROUGH
         poor = place.fault[0] > rough or place.crowded[0] > 0
         poor = poor or any(other.lack(place)[0] > 0.0 for other in others)
-        if poor or _walled(foot, ground, place, 0):
-            place = _search(foot, ground, spot, stance, place, rough, others)
-        footholds.append(
-            Foothold(
-                place.position[0],
-                place.quat[0],
-                place.normal[0],
-                float(np.hypot(*(place.position[0, :2] - stance.source_pos[:2]))),
-                toes_on_ground(foot, ground, place.position[0], place.quat[0]),
+        if poor or walled(foot, ground, place, 0):
+            fine = _fine(foot, ground, spot, stance, rough, others) if near else None
+            place = (
+                _search(foot, ground, spot, stance, place, rough, others) if fine is None else fine
             )
-        )
-        height = float(place.position[0, 2])
+        tread = treads[stance.foot]
+        bend = toes_on_ground(foot, ground, place.position[0], place.quat[0])
+        rises = tread.rises(ground, place.position[0], place.quat[0], bend)
+        uneven = place.fault[0] > rough or rises > RISEN
+        far = float(np.hypot(*(place.position[0] - spot)[:2])) - NEARER
+        if uneven or far > NEARER:
+            worth = np.inf if uneven else far
+            place = _settled(tread, ground, spot, stance.source_quat, place, others, worth)
+            bend = toes_on_ground(foot, ground, place.position[0], place.quat[0])
+        moved = float(np.hypot(*(place.position[0, :2] - stance.source_pos[:2])))
+        footholds.append(Foothold(place.position[0], place.quat[0], place.normal[0], moved, bend))
+        before = float(place.position[0, 2])
         last[stance.foot] = stance, footholds[-1]
     return tuple(footholds)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Placed:
-    """Candidate footholds (n, …), how badly the ground fits under each [m], how crowded each is.
-
-    ``crowded`` is 1 when a step rises near the toe or behind the heel, 2 when it is very near.
-    """
-
-    position: Array
-    quat: Array
-    normal: Array
-    fault: Array
-    crowded: Array
-
-    def __add__(self, other: _Placed) -> _Placed:
-        return _Placed(
-            *(
-                np.concatenate((getattr(self, field.name), getattr(other, field.name)))
-                for field in dataclasses.fields(self)
-            )
-        )
-
-    def __getitem__(self, index: int) -> _Placed:
-        one = slice(index, index + 1)
-        return _Placed(*(getattr(self, field.name)[one] for field in dataclasses.fields(self)))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Beside:
+class Beside:
     """The other foot's last foothold, beside which a foot is to be set down.
 
     Attributes:
@@ -273,7 +292,7 @@ class _Beside:
     @classmethod
     def of(
         cls, stance: Stance, foot: Foot, other: Stance, foothold: Foothold, feet: Sequence[Foot]
-    ) -> _Beside:
+    ) -> Beside:
         """Return it for a stance, and the other's last."""
         theirs = feet[other.foot].sole
         side = rotate(stance.source_quat, np.array((0.0, 1.0, 0.0)))
@@ -285,7 +304,7 @@ class _Beside:
         now = foothold.position + rotate(foothold.quat, theirs)
         return cls(foot, stance.source_quat, now, side, min(apart, FEET_APART))
 
-    def lack(self, placed: _Placed) -> Array:
+    def lack(self, placed: Placed) -> Array:
         """Return how much nearer than it may be a foot would be at each place (n,) [m]."""
         ahead = np.array((self.side[1], -self.side[0], 0.0))
         mine = placed.position[:, None] + rotate(placed.quat[:, None], self.foot.sole)
@@ -295,58 +314,35 @@ class _Beside:
         return self.least - np.where(clear, CROSSING, 0.0) - apart
 
 
-def _place(foot: Foot, ground: Ground, spots: Array, yaw: Array) -> _Placed:
-    """Set a foot down at spots (n, 3): tilt it through the ground under heel, toe and sides."""
-    margin = 1.0 + EDGE_MARGIN / np.maximum(np.linalg.norm(foot.sole[2:, :2], axis=1), 0.03)
-    probe = foot.sole[2:] * np.column_stack((margin, margin, np.ones(len(margin))))
-    ahead = APPROACH * normalized((foot.toe - foot.heel) * (1.0, 1.0, 0.0))
-    near = [
-        place
-        for part in (0.5, 1.0)
-        for place in (foot.heel - part * ahead, foot.front + part * ahead)
-    ]
-    ends = (foot.heel, foot.toe, *near)
-    offset = rotate(yaw, np.concatenate((ends, probe)))
-    points = spots[:, None] + offset * (1.0, 1.0, 0.0)
-    heights, normals = ground.under(points)
-    missing = np.isnan(heights)
-    heights = np.where(missing, spots[:, None, 2], heights)
-    heel = np.concatenate((points[:, 0, :2], heights[:, :1]), axis=1)
-    toe = np.concatenate((points[:, 1, :2], heights[:, 1:2]), axis=1)
-    along = normalized(toe - heel)
-    # Roll: the mean surface normal under the sole, made square to the heel-toe line.
-    normal = normalized(normals.sum(axis=1) + (0.0, 0.0, 1e-9))
-    normal = normalized(normal - (normal * along).sum(axis=1, keepdims=True) * along)
-    across = cross(normal, along)
-    local = normalized(foot.toe - foot.heel)
-    side = cross(np.array((0.0, 0.0, 1.0)), local)
-    up = cross(local, side)
-    world = np.stack((along, across, normal), axis=-1)
-    quat = from_matrix(world @ np.stack((local, side, up)))
-    position = heel - rotate(quat, foot.heel)
-    # How far the true ground is from the plane of the sole, above it and below it.
-    above = (
-        (points + (0, 0, 1) * (heights - points[..., 2])[..., None] - position[:, None])
-        * normal[:, None]
-    ).sum(axis=-1) - foot.sole[0, 2]
-    above -= under_toes(foot, np.concatenate((ends, probe)), above, len(probe))
-    step = above[:, 2:6] > STEP + np.abs(along[:, 2:]) * APPROACH
-    crowded = step[:, :2].any(axis=1) + step.any(axis=1).astype(float)
-    above = np.delete(above, (2, 3, 4, 5), axis=1)
-    rise = above[:, 2:].max(axis=1)
-    position = position + normal * np.maximum(0.0, rise - SINK)[:, None]
-    fault = np.abs(above).max(axis=1) + missing[:, [0, 1, *range(6, missing.shape[1])]].sum(axis=1)
-    return _Placed(position, quat, normal, fault, crowded)
+def _fine(
+    foot: Foot,
+    ground: Ground,
+    spot: Array,
+    stance: Stance,
+    rough: float,
+    others: Sequence[Beside],
+) -> Placed | None:
+    """Return the best spot within a few centimetres, on the same level; None where none is good.
 
-
-def _walled(foot: Foot, ground: Ground, placed: _Placed, index: int) -> bool:
-    """Whether anything stands in the foot: rays at ankle height from its middle to its outline."""
-    normal, quat = placed.normal[index], placed.quat[index]
-    centre = placed.position[index] + rotate(quat, 0.5 * (foot.heel + foot.front)) + _ANKLE * normal
-    sole = placed.position[index] + rotate(quat, foot.sole) + _ANKLE * normal
-    way = sole - centre
-    way = way[np.linalg.norm(way, axis=1) > 1e-6]  # a point in the very middle has none
-    return ground.blocked(np.broadcast_to(centre, way.shape), way, EDGE_MARGIN)
+    Where a tread is hardly longer than a foot, that keeps less far inside its edges.
+    """
+    along, across = (
+        np.arange(-count, count + 1) * step
+        for count, step in ((FINE_AHEAD, FINE_STEP), (FINE_ASIDE, 4.0 * FINE_STEP))
+    )
+    shift = np.stack(np.meshgrid(along, across, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
+    away = np.linalg.norm(shift, axis=1)
+    spots = spot + rotate(stance.source_quat, shift)
+    for margin in FINE_MARGINS:
+        placed = set_down(foot, ground, spots, stance.source_quat, margin, overhang=True)
+        good = (placed.fault <= rough) & (np.abs(placed.position[:, 2] - spot[2]) < SAME_LEVEL)
+        for other in others:
+            good &= other.lack(placed) <= 0.0
+        worth = away + FINE_CROWD * placed.crowded
+        for index in np.flatnonzero(good)[np.argsort(worth[good], kind="stable")]:
+            if not walled(foot, ground, placed, int(index)):
+                return placed[int(index)]
+    return None
 
 
 def _search(
@@ -354,16 +350,15 @@ def _search(
     ground: Ground,
     spot: Array,
     stance: Stance,
-    first: _Placed,
+    first: Placed,
     rough: float,
-    others: Sequence[_Beside],
-) -> _Placed:
+    others: Sequence[Beside],
+) -> Placed:
     """Return the nearest spot with good ground; the best there is when none is good."""
-    radius = np.repeat(np.arange(1, _RINGS + 1) * SEARCH_RADIUS / _RINGS, _RAYS)
-    angle = np.tile(np.arange(_RAYS) * 2.0 * np.pi / _RAYS, _RINGS)
-    shift = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), np.zeros(len(radius))))
-    placed = _place(foot, ground, spot + rotate(stance.source_quat, shift), stance.source_quat)
-    if first.fault[0] <= rough and not _walled(foot, ground, first, 0):
+    shift = _around()
+    radius = np.linalg.norm(shift, axis=1)
+    placed = set_down(foot, ground, spot + rotate(stance.source_quat, shift), stance.source_quat)
+    if first.fault[0] <= rough and not walled(foot, ground, first, 0):
         radius, placed = np.concatenate(([0.0], radius)), first + placed
     for other in others:  # ground on which the other foot stands is no better than none
         placed = dataclasses.replace(placed, fault=placed.fault + 1.0 * (other.lack(placed) > 0.0))
@@ -371,13 +366,13 @@ def _search(
     # Some crowding is worth a little way, not any: on narrow treads there is no better spot.
     worth = radius[good] + CROWD_COST * placed.crowded[good]
     for index in good[np.argsort(worth, kind="stable")]:
-        if not _walled(foot, ground, placed, int(index)):
+        if not walled(foot, ground, placed, int(index)):
             return placed[int(index)]
     # Ground that is uneven everywhere: trade how far to move against how badly it fits.
     cost = placed.fault + 0.05 * radius
     for index in np.argsort(cost):
-        if placed.fault[index] < 1.0 and not _walled(foot, ground, placed, int(index)):
-            near = first.fault[0] <= cost[index] and not _walled(foot, ground, first, 0)
+        if placed.fault[index] < 1.0 and not walled(foot, ground, placed, int(index)):
+            near = first.fault[0] <= cost[index] and not walled(foot, ground, first, 0)
             return first if near else placed[int(index)]
     x, y = spot[:2]
     frames = range(stance.start, stance.end)
@@ -387,6 +382,41 @@ def _search(
         " move the scene's site 'start' or choose a larger scene",
         frames,
     )
+
+
+def _around() -> Array:
+    """Return the ways (n, 3) from a spot to where else a foot may go, over the plane [m]."""
+    radius = np.repeat(np.arange(1, _RINGS + 1) * SEARCH_RADIUS / _RINGS, _RAYS)
+    angle = np.tile(np.arange(_RAYS) * 2.0 * np.pi / _RAYS, _RINGS)
+    return np.column_stack((radius * np.cos(angle), radius * np.sin(angle), np.zeros(len(radius))))
+
+
+def _settled(
+    tread: Tread,
+    ground: Ground,
+    spot: Array,
+    yaw: Array,
+    first: Placed,
+    others: Sequence[Beside],
+    worth: float,
+) -> Placed:
+    """Return where a foot settles near a spot for less than ``worth`` [m]; else ``first``."""
+
+    def placed(plates: Plates) -> Placed:
+        crowded = np.zeros(len(plates.gap))
+        return Placed(plates.position, plates.quat, plates.normal, plates.gap, crowded)
+
+    def refused(plates: Plates) -> NDArray[np.bool_]:
+        lacks = [other.lack(placed(plates)) > 0.0 for other in others]
+        bad = np.any([np.zeros(len(plates.gap), dtype=bool), *lacks], axis=0)
+        # Walls are felt for one by one: at a place that is looked at closely.
+        if len(bad) == 1 and walled(tread.foot, ground, placed(plates), 0):
+            bad[:] = True
+        return np.asarray(bad)
+
+    shift = np.concatenate((np.zeros((1, 3)), rotate(yaw, _around())))
+    near, cost = settled_near(tread, ground, spot, yaw, shift, refused)
+    return first if near is None or cost >= worth else placed(near)
 
 
 def carried(stance: Stance, foothold: Foothold) -> Array:

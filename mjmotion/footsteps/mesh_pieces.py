@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mjmotion.body.kinematics import RayCaster
 from mjmotion.scene.ground import STEEPEST, solid_model
+from mjmotion.scene.hulls import fills_hull
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -26,10 +27,7 @@ _SHARE = 0.9  # of the mesh's thickness that a slab has: its rim is to stay insi
 _DOWN, _UP = 1.02, 1.4  # from the root to about the ground, and to what hands reach [m]
 _CEILING = 0.5  # what faces down and is lower than that under the root is under the ground [m]
 _FACINGS = 1.6  # how finely normals are told apart
-_COVERED = 0.99  # of its hull's area that a piece's own surface has at least
 _FEWEST = 4  # triangles of a solid
-_SAMPLE = 200  # triangles that a quick look is at
-_HOLLOW = 1e-3  # a piece has no triangle that is further inside its hull [m]
 
 
 def mesh_pieces(
@@ -81,32 +79,6 @@ def connected_parts(faces: Index) -> Index:
     _, label = connected_components(graph, directed=False)
     _, part = np.unique(label[faces[:, 0]], return_inverse=True)
     return np.asarray(part.ravel(), dtype=np.int64)
-
-
-def fills_hull(corners: Array) -> bool:
-    """Whether triangles (m, 3, 3) are the surface of their own convex hull."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        hull = ConvexHull(corners.reshape(-1, 3))
-    except QhullError:  # flat
-        return False
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    if np.linalg.norm(across, axis=1).sum() / 2.0 < _COVERED * hull.area:
-        return False
-    # Most that do not fill their hull show it at once.
-    some = corners[:: max(1, len(corners) // _SAMPLE)]
-    for triangles in np.array_split(some, max(1, len(some) // 16)):
-        depth = triangles @ hull.equations[:, :3].T + hull.equations[:, 3]
-        if (depth.min(axis=1).max(axis=1) < -_HOLLOW).any():
-            return False
-    # Triangles are struck off face by face of the hull: what is left at the end is inside it.
-    for face in hull.equations:  # outward normal and offset
-        on_face = (corners @ face[:3] + face[3] >= -_HOLLOW).all(axis=1)
-        corners = corners[~on_face]
-        if len(corners) == 0:
-            return True
-    return False
 
 
 def _slabs(

@@ -23,8 +23,10 @@ from mjmotion.body.character import Character
 from mjmotion.body.geom_points import geom_points
 from mjmotion.body.kinematics import Kinematics, Pose, character_geoms
 from mjmotion.footsteps.footholds import Foothold
-from mjmotion.footsteps.mesh_pieces import fills_hull, mesh_pieces
+from mjmotion.footsteps.mesh_pieces import mesh_pieces
 from mjmotion.ik.solver import Inequalities
+from mjmotion.route.shapes import hull, outline_distance
+from mjmotion.scene.hulls import fills_hull
 
 Array = NDArray[np.float64]
 
@@ -37,6 +39,7 @@ OVERHEAD = 0.8  # an obstacle whose bottom is higher is passed under, never over
 LONG = 2.0  # how far a tall obstacle is drawn out, so that its ends are out of the way [m]
 RAISED = 1.0  # how much higher such an obstacle is taken to be [m]
 _ABREAST = 0.5**0.5  # cosine to the way of what is beside it, where it is nearest
+_ROOM = 0.2  # half of what a trunk takes up [m]
 _NEAR = 1.3  # an obstacle this far from the root's path is out of reach [m]
 _CONVEX = (
     mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -138,12 +141,36 @@ def find_obstacles(
             towards = np.clip(root_path[nearest], low, high)[:2] - root_path[nearest, :2]
             passed = abs(towards @ direction[:2]) <= _ABREAST * distance[nearest]
             out = LONG * passed * direction
+            overhead = low[2] - ground > OVERHEAD
+            if not overhead and _in_the_way(surface, out, root_path, span):
+                out = np.zeros(3)
             drawn = np.concatenate((surface - out, surface + out))
-            if low[2] - ground > OVERHEAD:
+            if overhead:
                 drawn = np.concatenate((drawn, drawn + (0.0, 0.0, RAISED)))
         name = scene.geom(int(geom)).name or f"geom {geom}"
         found.append(Obstacle(name, surface, drawn, direction, span))
     return tuple(found)
+
+
+def _in_the_way(surface: Array, out: Array, root_path: Array, span: tuple[float, float]) -> bool:
+    """Whether a solid drawn out would be where the root passes, and as it is would not.
+
+    That is so of a wall round a corner: the way past it is not one way.
+
+    Args:
+      surface: (k, 3) its points [m].
+      out: (3,) how far it is drawn out, either way [m].
+      root_path: (nframe, 3) where the root passes [m].
+      span: from where to where along the way it counts [m].
+    """
+    along = root_path @ (out / max(float(np.linalg.norm(out)), 1e-9))
+    path = root_path[(along > span[0]) & (along < span[1]), :2]
+    if not out.any() or len(path) == 0:
+        return False
+    flat = surface[:, :2]
+    drawn = outline_distance(hull(np.concatenate((flat - out[:2], flat + out[:2]))), path)
+    narrow = drawn < _ROOM
+    return bool((outline_distance(hull(flat), path)[narrow] > drawn[narrow] + ON_TOP).any())
 
 
 def _convex_shapes(scene: mujoco.MjModel, root_path: Array) -> Iterator[tuple[int, Array]]:

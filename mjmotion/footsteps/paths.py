@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.feet import Foot
-from mjmotion.body.kinematics import Pose, site_id
+from mjmotion.body.kinematics import Pose, root_body, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.constraints.shared_targets import SharedMove
 from mjmotion.footsteps.footholds import Foothold, Stance, carried
@@ -49,6 +49,7 @@ FADE_TIME = 0.03  # what a contact took away dies out as exp(-t / this) [s]
 SHORT_LEVER = 0.06  # least lever that a tip about a contact is reckoned with [m]
 FREE_RIGIDITY = 100.0  # α of a free foothold: 10 cm cost what 1 rad of a joint does [1/m²]
 SAME_BEND = 1e-9  # toes that are bent by no more than this otherwise are left as they are [rad]
+SAME_TURN = 1e-6  # footholds turned by no more about the vertical are as in the source [rad]
 _INSIST = 60.0  # how much what a contact allows counts against smoothness
 
 
@@ -67,6 +68,7 @@ class FootPath:
         where they do not bend.
       room: (nframe,) how far the ends of its ball may still go down; None where no ground is known
         [m].
+      clearance: (nframe,) that it should have over the ground; None where none is known [m].
     """
 
     site: str
@@ -77,6 +79,7 @@ class FootPath:
     lift: Array
     toes: Array
     room: Array | None = None
+    clearance: Array | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -90,6 +93,10 @@ class Detour:
 
     aside: Array
     tip: Array
+
+    def and_aside(self, more: Array) -> Detour:
+        """Return the detour that goes aside by (nframe, 3) more [m]."""
+        return Detour(self.aside + more, self.tip)
 
 
 def foot_path(
@@ -126,6 +133,7 @@ def foot_path(
         return FootPath(foot.site, source_pos, source_quat, zero, free, np.zeros(nframe), toes)
     holds = Holds(foot, mine, nframe)
     shift, turn = _carry(mine, nframe)
+    shift = shift + _round(mine, source_pos, pose.xpos[:, root_body(pose.model)])
     base = multiply(turn, source_quat)
     fading = max(FADE_TIME * fps, FADE_FRAMES)
     quat, position = _turned(holds, base, fading), source_pos + shift
@@ -140,11 +148,11 @@ def foot_path(
     wanted = wanted_clearance(foot.sole_at(bend), source_pos, source_quat, mine, nframe)
     toes = lying_flat(foot, holds.bend(quat), holds.toe, bend, fps)
     bend = toes if foot.toes is None else foot.toes.settled(toes)
-    step_over = StepOver(foot.shape_at(bend), quat, wanted, holds.any, ground, fps)
+    step_over = StepOver(foot.under_at(bend), quat, wanted, holds.any, ground, fps)
     position, lift = step_over(position, mine)
     toes = kept_up(foot, position, quat, toes, holds.toe, ground, fps)
     room = room_under_ball(foot, position, quat, holds.any, ground)
-    return FootPath(foot.site, position, quat, shift, holds.any, lift, toes, room)
+    return FootPath(foot.site, position, quat, shift, holds.any, lift, toes, room, wanted)
 
 
 def turned_about_toes(path: FootPath, foot: Foot, quat: Array) -> FootPath:
@@ -242,6 +250,38 @@ def _carry(mine: Sequence[tuple[Stance, Foothold]], nframe: int) -> tuple[Array,
     assert previous is not None
     shift[previous[0] :], turn[previous[0] :] = previous[1], previous[2]
     return shift, turn
+
+
+def _round(mine: Sequence[tuple[Stance, Foothold]], source_pos: Array, root: Array) -> Array:
+    """Return how far else (nframe, 3) a foot is that turns with the body about the root [m].
+
+    A foothold that is turned about the vertical has the body about it turned, and so what the foot
+    does from there; between two of them the root goes over from the one's way to the other's.
+    """
+    yaws = np.array([_yaw(carried(stance, foothold)) for stance, foothold in mine])
+    more = np.zeros_like(source_pos)
+    if np.abs(yaws).max() < SAME_TURN:
+        return more
+    yaws = np.unwrap(yaws)
+    nframe, flat = len(source_pos), np.array((1.0, 1.0, 0.0))
+    at, turn = np.empty((nframe, 3)), np.empty(nframe)
+    for number, (stance, _) in enumerate(mine):
+        arm = (root - stance.source_pos) * flat
+        way = rotate(yaw_quat(np.full(nframe, yaws[number])), arm) - arm
+        before = mine[number - 1][0].end if number else 0
+        count = stance.start - before if number else 0
+        swing = slice(before, before + count)
+        share = ease((np.arange(count) + 1.0) / (count + 1.0))
+        at[swing] += share[:, None] * (way[swing] - at[swing])
+        turn[swing] += share * (yaws[number] - turn[swing])
+        at[before + count :], turn[before + count :] = way[before + count :], yaws[number]
+    arm = (source_pos - root) * flat
+    return np.asarray(at + rotate(yaw_quat(turn), arm) - arm)
+
+
+def _yaw(quat: Array) -> float:
+    """Return how far a turn (4,) is about the vertical [rad]."""
+    return float(2.0 * np.arctan2(quat[3], quat[0]))
 
 
 def _turned(holds: Holds, base: Array, time: float) -> Array:

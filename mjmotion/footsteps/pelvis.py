@@ -41,8 +41,11 @@ PLANE_TIME = 0.3  # τ of its way over the plane, which only follows the feet [s
 ANKLE_SPARE = 0.08  # how far within its range an ankle is planned [rad]
 # Prices of being out of a bound, against being off the feet's mean shift.
 STANDING, ROLLING, HEEL, SWINGING = 40000.0, 50.0, 300.0, 3.0
-MOST_BACK = 0.1  # the most that hips stay back for an ankle [m]
+FOLDING = 30.0  # price of a hip so near to a swinging foot that its knee folds further than that
+FOLDED = 0.5  # of a leg's length that hip and ankle keep apart in a swing, or as in the source
+MOST_BACK = 0.15  # the most that hips stay back for an ankle [m]
 BACK = 50.0  # price of staying back less than that
+UPHILL = 0.05  # a foot that is pitched up by less than that does not stand uphill
 BACK_TIME = 0.45  # τ of staying back [s]
 KNEE = 60.0  # price of a hip that is lower than that
 KNEE_MORE = 0.07  # how much more than in the source a knee is bent on the level [rad]
@@ -64,8 +67,10 @@ def root_shift(
     paths: Sequence[FootPath],
     contacts: Sequence[Contact],
     rolling: float = STANDING,
-) -> Array:
-    """Return how far the root is to be moved (nframe, 3) [m]: the first guess of §4.5.
+) -> tuple[Array, Array]:
+    """Return how far the root is to be moved (nframe, 3) [m], and how far of that it stays back.
+
+    The first is the first guess of §4.5; the second (nframe,) is 0 but where it climbs [m].
 
     Args:
       source: the motion.
@@ -84,11 +89,12 @@ def root_shift(
     ahead = _ahead(source)
     needs = [leg.staying_back(shift[:, 2], ahead) for leg in legs]
     bounds = [Bound(need, need > 0.0, BACK, upper=False) for need in needs if need.any()]
+    back = np.zeros(source.nframe)
     if bounds:
-        back = between(np.zeros(source.nframe), BACK_TIME * source.fps, bounds)
-        shift -= np.maximum(back, 0.0)[:, None] * ahead
+        back = np.maximum(between(back, BACK_TIME * source.fps, bounds), 0.0)
+        shift -= back[:, None] * ahead
         shift[:, 2], _ = _height(source, pose, paths, contacts, shift, follow)
-    return shift
+    return shift, back
 
 
 def _height(
@@ -163,9 +169,10 @@ def within_reach(
     contacts: Sequence[Contact],
     shift: Array,
 ) -> tuple[FootPath, ...]:
-    """Return paths whose swings are nowhere further from the hip than the leg is long.
+    """Return paths whose swings are no further from the hip than the leg is long, nor nearer.
 
-    A foot in the air asks nothing of the root: it is lifted, and the hip goes its way.
+    A foot in the air asks next to nothing of the root: it comes nearer, or stays away as far as a
+    knee folds, and the hip goes its way.
     """
     near = []
     for path in paths:
@@ -202,6 +209,11 @@ class _Leg:
     level: NDArray[np.bool_]
     stance: NDArray[np.bool_]
     heel: NDArray[np.bool_]
+
+    @property
+    def long(self) -> float:
+        """How long it is [m]."""
+        return float(self.source.character.chains((self.limb,)).reach[0])
 
     @classmethod
     def of(
@@ -241,15 +253,17 @@ class _Leg:
 
     def bounds(self, rolling: float) -> list[Bound]:
         """Return what the leg asks of the root's shift upwards: bounds above, and one below."""
-        least = LEAST_HEIGHT * float(self.source.character.chains((self.limb,)).reach[0])
+        least = LEAST_HEIGHT * self.long
         reach = -drop_to_reach(self.hip, self.ankle, self.most, least)
         bounds = [
             Bound(reach, self.heel, STANDING, upper=True),
             Bound(reach, self.stance & ~self.heel, rolling, upper=True),
             Bound(reach, ~self.stance, SWINGING, upper=True),
         ]
+        folded = -drop_to_reach(self.hip, self.ankle, self._folded())
+        bounds.append(Bound(folded, ~self.stance, FOLDING, upper=False))
         straight = -drop_to_reach(self.hip, self.ankle, self._least_apart())
-        bounds.append(Bound(straight, self.heel & self.level, KNEE, upper=False))
+        bounds.append(Bound(straight, self.stance & self.level, KNEE, upper=False))
         bent = self._bent_knee()
         if bent is not None:
             knee, thigh = bent
@@ -276,7 +290,15 @@ class _Leg:
         way = self.hip + height[:, None] * (0.0, 0.0, 1.0) - knee
         along, lacking = (way * ahead).sum(axis=1), thigh**2 - (way**2).sum(axis=1)
         back = along + np.sqrt(np.maximum(along**2 + lacking, 0.0))
-        return np.where(self.heel & (lacking > 0.0), np.clip(back, 0.0, MOST_BACK), 0.0)
+        # On the level the source stands so itself.
+        up = rotate(self.turn, np.array((0.0, 0.0, 1.0)))
+        uphill = (up * ahead).sum(axis=1) < -UPHILL
+        needs = self.heel & uphill & (lacking > 0.0)
+        return np.where(needs, np.clip(back, 0.0, MOST_BACK), 0.0)
+
+    def _folded(self) -> Array:
+        """How near hip and ankle may come in a swing (nframe,) [m]."""
+        return np.minimum(self.was, FOLDED * self.long)
 
     def _least_apart(self) -> Array:
         """How near hip and ankle may come (nframe,) with a knee bent little more than before [m].
@@ -348,14 +370,19 @@ class _Leg:
         return envelope(need, self.heel, TIP_TIME * self.source.fps)
 
     def within_reach(self, path: FootPath, shift: Array) -> FootPath:
-        """Return the path with its swings lifted to where the leg reaches them."""
-        least = LEAST_HEIGHT * float(self.source.character.chains((self.limb,)).reach[0])
-        hip = self.hip + shift * (0.0, 0.0, 1.0)
+        """Return the path with its swings brought to where the leg reaches them, and folds to."""
+        away = self.ankle - self.hip - shift * (0.0, 0.0, 1.0)
+        far = np.linalg.norm(away, axis=1)
         apart = frames_to(self.stance) / self.source.fps
-        lack = drop_to_reach(hip, self.ankle, self.most, least)
-        need = np.where(self.stance, 0.0, np.minimum(lack, 0.5 * LIFT_PULL * apart**2))
-        if need.max(initial=0.0) <= 0.0:
+        most = np.where(self.stance, 0.0, 0.5 * LIFT_PULL * apart**2)
+        move = np.zeros(len(far))
+        for sign, lack in ((-1.0, far - self.most), (1.0, self._folded() - far)):
+            need = np.minimum(lack, most)
+            if need.max(initial=0.0) > 0.0:
+                move += sign * envelope(need, self.stance, NEAR_TIME * self.source.fps)
+        if not move.any():
             return path
-        lift = envelope(need, self.stance, NEAR_TIME * self.source.fps)
-        move = lift[:, None] * np.array((0.0, 0.0, 1.0))
-        return dataclasses.replace(path, position=path.position + move, lift=path.lift + lift)
+        moved = (move / np.maximum(far, 1e-9))[:, None] * away
+        return dataclasses.replace(
+            path, position=path.position + moved, lift=path.lift + moved[:, 2]
+        )

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.feet import Foot
-from mjmotion.body.kinematics import Kinematics, Pose
+from mjmotion.body.kinematics import Kinematics, Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
 from mjmotion.constraints.shared_targets import SharedMove
 from mjmotion.exceptions import ContactError
 from mjmotion.fitting import fit
+from mjmotion.footsteps.above_ground import above_ground
 from mjmotion.footsteps.ankles import (
     SHORTEST,
     flat_landings,
@@ -36,11 +37,17 @@ from mjmotion.footsteps.footholds import (
     find_stances,
 )
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
+from mjmotion.footsteps.pace import Pace, find_pace
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
+from mjmotion.footsteps.rests import Rest, find_rests, kneeling, sitting
+from mjmotion.footsteps.settings import PlanSettings
+from mjmotion.footsteps.steps import bend_along, choose_footholds, loose_ends
 from mjmotion.ik import IKSolver
-from mjmotion.numerics.rotations import multiply, yaw_quat
+from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
+from mjmotion.route.way import Route, find_route
 from mjmotion.scene import Scene
+from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
 
@@ -53,13 +60,21 @@ class Plan:
     """What the scene asks of a walk, before anything is fitted.
 
     Attributes:
-      source: the clip placed at the scene's start, on the character's model.
+      source: the clip placed at the scene's start, on the character's model, on its way.
       contacts: who stands when.
       paths: where each foot goes.
       stances: the feet's stays on one spot.
       footholds: what it stands on, one a stance.
       root_shift: (nframe, 3) the first guess of §4.5 [m].
       obstacles: what to keep clear of.
+      ground: the scene's surfaces.
+      back: (nframe,) how far of the shift the hips stay back for the ankles uphill; None as 0 [m].
+      recorded: the clip on its own way, where that is another; else None.
+      route: where the walk goes, and why; None where that was not looked for.
+      original: the clip in its own time, of other frames, where steps take another; else None.
+      loose: (nframe, 3) of each foot, where steps were moved: how much further it goes before its
+        first stance and after its last [m].
+      rests: knees, palms and the seat where they rest.
     """
 
     source: Motion
@@ -69,16 +84,24 @@ class Plan:
     footholds: tuple[Foothold, ...]
     root_shift: Array
     obstacles: tuple[Obstacle, ...]
+    ground: Ground
+    back: Array | None = None
+    recorded: Motion | None = None
+    route: Route | None = None
+    original: Motion | None = None
+    loose: tuple[Array, ...] = ()
+    rests: tuple[Rest, ...] = ()
 
     def constraints(self) -> list[SiteConstraint]:
-        """Both feet posed at every frame."""
+        """Both feet posed at every frame, and what rests besides."""
         frames = np.arange(self.source.nframe)
-        return [
+        feet = [
             SiteConstraint(
                 path.site, frames, path.position, path.quat, contact=True, source="scene"
             )
             for path in self.paths
         ]
+        return feet + [rest.constraint() for rest in self.rests]
 
     def free_footholds(self) -> list[SharedMove]:
         """One unknown move for every stance, in the plane of its foothold (§7)."""
@@ -91,19 +114,31 @@ def place(clip: Motion, scene: Scene) -> Motion:
     return clip.moved(scene.start_yaw, np.zeros(3), scene.start_pos)
 
 
-def make_plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = None) -> Plan:
+def make_plan(
+    clip: Motion,
+    scene: Scene,
+    contacts: Sequence[Contact] | None = None,
+    settings: PlanSettings | None = None,
+) -> Plan:
     """Find out what the scene asks of a walk.
+
+    Args:
+      clip: the walk.
+      scene: where it is to go.
+      contacts: who stands when; found in the clip without.
+      settings: what of the walk may change.
 
     Raises:
       ContactError: the clip has no contacts, or the given ones do not fit it.
       ModelError: the character has no feet.
       SceneError: no ground under the walk.
     """
+    settings = PlanSettings() if settings is None else settings
     scene = scene.at_rest()  # what could move is an obstacle and ground like the rest
-    source = place(clip, scene)
+    recorded = place(clip, scene)
     feet = clip.character.feet
     found = (
-        detect_contacts(source)
+        detect_contacts(recorded)
         if contacts is None
         else check_contacts(contacts, clip.model, clip.nframe)
     )
@@ -112,10 +147,41 @@ def make_plan(clip: Motion, scene: Scene, contacts: Sequence[Contact] | None = N
             "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
             " give them with a contacts file"
         )
-    pose = Kinematics(source.model, source.nframe).forward(source.qpos)
-    stances = find_stances(source, pose, feet, found)
-    footholds = find_footholds(stances, feet, scene.ground, float(scene.start_pos[2]))
-    return _on_ground(source, pose, found, stances, footholds, scene)
+    # On its own way the recorded feet are still: bent, they slide a little where they stand.
+    route = _routed(recorded, scene, settings)
+    bent = route is not None and route.bent
+    source = route.bend.apply(recorded) if route is not None and bent else recorded
+    steps = tuple(one for one in found if not one.rests)
+    stances = _stances(recorded, steps)
+    spots = _stances(source, steps) if bent else stances
+    ground = scene.ground_without(settings.avoid)
+    footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
+    if turns is None:
+        walk = _Walk(source, recorded, found, stances, footholds)
+        return dataclasses.replace(_on_ground(walk, scene), route=route)
+    pace = find_pace(spots, footholds, clip.nframe, clip.fps)
+    if settings.pace == "keep":
+        pace = Pace.none(clip.nframe)
+    original = None if pace.same else recorded
+    source, recorded = pace.apply(source), pace.apply(recorded)
+    found, stances, spots = pace.contacts(found), pace.stances(stances), pace.stances(spots)
+    loose = loose_ends(spots, footholds, source.nframe)
+    source = bend_along(source, spots, footholds, (turns, loose)).apply(source)
+    plan = _on_ground(_Walk(source, recorded, found, stances, footholds, loose), scene)
+    return dataclasses.replace(plan, route=route, original=original)
+
+
+def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
+    """Return the stances of a clip where it is."""
+    pose = Kinematics(clip.model, clip.nframe).forward(clip.qpos)
+    return find_stances(clip, pose, clip.character.feet, contacts)
+
+
+def _routed(clip: Motion, scene: Scene, settings: PlanSettings) -> Route | None:
+    """Return where a clip goes; None where it keeps its own way."""
+    if isinstance(settings.path, str) and settings.path == "keep":
+        return None
+    return find_route(clip, scene, climb=settings.climb, avoid=settings.avoid)
 
 
 def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid") -> Plan:
@@ -158,11 +224,19 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
         if not off.any():
             break
         share[off] *= 0.5 if halving < _HALVINGS - 1 else 0.0
-    source = plan.source
-    pose = Kinematics(source.model, source.nframe).forward(source.qpos)
     # With every heel again that had to give where it stood before.
     found = contacts_of(plan.stances, feet)
-    return _on_ground(source, pose, found, plan.stances, new, scene)
+    resting = tuple(one.contact for one in plan.rests)
+    walk = _Walk(
+        plan.source,
+        plan.recorded or plan.source,
+        (*found, *resting),
+        plan.stances,
+        new,
+        plan.loose,
+    )
+    planned = _on_ground(walk, scene)
+    return dataclasses.replace(planned, route=plan.route, original=plan.original)
 
 
 def _off_plane(old: Foothold, new: Foothold) -> float:
@@ -170,23 +244,49 @@ def _off_plane(old: Foothold, new: Foothold) -> float:
     return float(abs((new.position - old.position) @ old.normal))
 
 
-def _on_ground(
-    source: Motion,
-    pose: Pose,
-    found: tuple[Contact, ...],
-    stances: Sequence[Stance],
-    footholds: tuple[Foothold, ...],
-    scene: Scene,
-) -> Plan:
-    """Plan the ways from foothold to foothold, one a stance."""
-    feet, ground = source.character.feet, scene.ground
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Walk:
+    """A walk before its ways from foothold to foothold are planned.
+
+    Attributes:
+      source: the clip where its root is to go.
+      recorded: the clip as recorded, where its feet are still.
+      contacts: who stands when, and what rests.
+      stances: where the recorded feet stand.
+      footholds: where they are to stand.
+      loose: how much further each foot goes before its first and after its last stance.
+    """
+
+    source: Motion
+    recorded: Motion
+    contacts: tuple[Contact, ...]
+    stances: Sequence[Stance]
+    footholds: tuple[Foothold, ...]
+    loose: tuple[Array, ...] = ()
+
+
+def _on_ground(walk: _Walk, scene: Scene) -> Plan:
+    """Plan the ways from foothold to foothold, one a stance, and what rests besides."""
+    source, recorded, ground = walk.source, walk.recorded, scene.ground
+    stances, footholds, feet = walk.stances, walk.footholds, source.character.feet
+    pose = own = Kinematics(source.model, source.nframe).forward(source.qpos)
+    if recorded is not source:
+        own = Kinematics(recorded.model, recorded.nframe).forward(recorded.qpos)
+    rests = find_rests(source, pose, walk.contacts, ground)
+    found = tuple(one for one in walk.contacts if not one.rests)
 
     def planned(index: int, detour: Detour | None = None) -> FootPath:
-        return foot_path(feet[index], index, pose, stances, footholds, ground, source.fps, detour)
+        foot, more = feet[index], walk.loose[index] if walk.loose else None
+        if more is not None and more.any():
+            none = np.zeros(source.nframe)
+            detour = Detour(more, none) if detour is None else detour.and_aside(more)
+        path = foot_path(foot, index, own, stances, footholds, ground, source.fps, detour)
+        path = path if source is recorded else _against(path, pose, own, more)
+        return kneeling(foot, path, pose, rests, ground, source.fps)
 
     # What feet, ankles and root ask of each other, each told once, the firmest first.
     paths = tuple(planned(index) for index in range(len(feet)))
-    shift = root_shift(source, pose, paths, found, ROLLING)
+    shift, _ = root_shift(source, pose, paths, found, ROLLING)
     turned = turned_footholds(shifted(source, shift), feet, paths, stances, footholds)
     landed = flat_landings(shifted(source, shift), feet, paths, stances)
     if any(new is not old for new, old in zip(landed, stances, strict=True)):
@@ -209,15 +309,33 @@ def _on_ground(
     if any(new is not old for new, old in zip(stances, spots[0], strict=True)):
         details = zip(moves, tips, strict=True)
         paths = tuple(planned(index, Detour(*detail)) for index, detail in enumerate(details))
-    shift = root_shift(source, pose, paths, found)
-    paths = within_reach(source, pose, paths, found, shift)
-    relaxed, trimmed = relax_ankles(shifted(source, shift), feet, paths, found)
+    shift, back = root_shift(source, pose, paths, found)
+    near = within_reach(source, pose, paths, found, shift)
+    relaxed, trimmed = relax_ankles(shifted(source, shift), feet, near, found)
     if relaxed != paths:
-        paths, found = relaxed, trimmed
-        shift = root_shift(source, pose, paths, found)
+        paths, found = above_ground(feet, relaxed, paths, trimmed, ground, source.fps), trimmed
+        shift, back = root_shift(source, pose, paths, found)
     found = trim_toe_contacts(found, feet, paths, (stances, footholds), SHORTEST * source.fps)
+    shift = sitting(shift, rests, source.fps)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
-    return Plan(source, found, paths, tuple(stances), footholds, shift, obstacles)
+    found = tuple(
+        sorted((*found, *(one.contact for one in rests)), key=lambda c: (c.start, c.site))
+    )
+    return Plan(
+        *(source, found, paths, tuple(stances), footholds, shift, obstacles),
+        ground=ground,
+        back=back,
+        recorded=None if source is recorded else recorded,
+        loose=walk.loose,
+        rests=rests,
+    )
+
+
+def _against(path: FootPath, pose: Pose, own: Pose, loose: Array | None) -> FootPath:
+    """Return a path whose shift is against a clip that goes another way than the recorded one."""
+    site = site_id(pose.model, path.site)
+    shift = path.shift + own.site_xpos[:, site] - pose.site_xpos[:, site]
+    return dataclasses.replace(path, shift=shift if loose is None else shift + loose)
 
 
 def with_ends(

@@ -63,7 +63,7 @@ class StepOver:
     """Takes a foot over the ground between its stances: lifted, and held back before steps.
 
     Args:
-      shape: (nframe, k, 3) points of its surface, in the frame of its posed site [m].
+      shape: (nframe, k, 3) points of its underside, in the frame of its posed site [m].
       quat: (nframe, 4) how it is turned.
       wanted: (nframe,) clearance that it should have [m].
       stance: (nframe,) when it stands.

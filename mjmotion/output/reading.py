@@ -24,7 +24,16 @@ from mjmotion.clips import builtin_contacts, load_clip
 from mjmotion.constraints.unmet import Unmet
 from mjmotion.exceptions import MotionError, mujoco_message
 from mjmotion.footsteps.contacts import Contact, load_contacts
-from mjmotion.output.folder import BODY, CONTACTS, MODEL, MOTION, RECORDING, REPORT, SOURCE
+from mjmotion.output.folder import (
+    BODY,
+    CONTACTS,
+    JOINTS,
+    MODEL,
+    MOTION,
+    RECORDING,
+    REPORT,
+    SOURCE,
+)
 from mjmotion.output.result import Result
 
 _NEEDED = (MOTION, SOURCE, MODEL, CONTACTS)
@@ -57,10 +66,14 @@ def read_results(folder: str | Path) -> Result:
     model = character.model
     motion = Motion.load(folder / MOTION, character)
     source = Motion.load(folder / SOURCE, character)
-    if (folder / RECORDING).is_file():
-        recording = Recording.load(folder / RECORDING, source.nframe)
-        source = Motion(character, source.qpos, source.fps, recording)
     body = MorphBody.load(folder / BODY, model) if (folder / BODY).is_file() else None
+    own = folder / RECORDING
+    recording = Motion.load(own, character) if own.is_file() else None
+    if (folder / JOINTS).is_file():
+        if recording is None:
+            source = _with_joints(source, folder / JOINTS)
+        else:
+            recording = _with_joints(recording, folder / JOINTS)
     for name, other in ((SOURCE, source), (BODY, body)):
         if other is not None and other.nframe != motion.nframe:
             raise MotionError(
@@ -78,7 +91,14 @@ def read_results(folder: str | Path) -> Result:
         title=str(report.get("title") or folder.resolve().name),
         saved_report=report,
         notes=tuple(report.get("notes", ())),
+        recording=recording,
     )
+
+
+def _with_joints(motion: Motion, path: Path) -> Motion:
+    """Return a motion with the recorded joints of a file."""
+    joints = Recording.load(path, motion.nframe)
+    return Motion(motion.character, motion.qpos, motion.fps, joints)
 
 
 class LoadedMotion(NamedTuple):

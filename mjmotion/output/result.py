@@ -25,6 +25,7 @@ from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.output.folder import (
     BODY,
     CONTACTS,
+    JOINTS,
     MODEL,
     MOTION,
     RECORDING,
@@ -49,7 +50,8 @@ class Result:
     """A motion that was adapted, retargeted, morphed, joined or edited.
 
     Attributes:
-      source: the motion before, on the composed model, placed at the scene's start.
+      source: the motion before, on the composed model, placed at the scene's start, at the pace of
+        the motion.
       motion: the motion after, the same frames.
       contacts: who stands when.
       trace: what the fit did; None of a result that was read from its folder.
@@ -58,6 +60,7 @@ class Result:
       title: what the result is called in its report.
       saved_report: what ``report.json`` says, of a result that was read and has one; else empty.
       notes: what else there is to say, a line each.
+      recording: the source in its own time, of other frames, where the motion's is another.
     """
 
     source: Motion
@@ -69,6 +72,7 @@ class Result:
     title: str = "Adapted motion"
     notes: tuple[str, ...] = ()
     saved_report: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    recording: Motion | None = None
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -87,7 +91,10 @@ class Result:
         from mjmotion.validation import validate
 
         return validate(
-            self.source, self.motion, self.contacts, thresholds=thresholds, body=self.body
+            *(self.source, self.motion, self.contacts),
+            thresholds=thresholds,
+            body=self.body,
+            recording=self.recording,
         )
 
     def report(
@@ -299,8 +306,11 @@ def write_motions(folder: str | Path, result: Result) -> None:
         save_contacts(folder / CONTACTS, result.contacts)
         if result.body is not None:
             result.body.save(folder / BODY)
-        if result.source.recording is not None:
-            result.source.recording.save(folder / RECORDING)
+        if result.recording is not None:
+            result.recording.save(folder / RECORDING)
+        own = result.source if result.recording is None else result.recording
+        if own.recording is not None:
+            own.recording.save(folder / JOINTS)
     except OSError as error:
         raise OutputError(f"cannot write into '{folder}': {error.strerror or error}") from error
     spec = result.motion.character.spec.copy()

@@ -9,12 +9,14 @@ Only static geoms that collide are ground; pictures and moving bodies are not.
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.kinematics import RayCaster
+from mjmotion.exceptions import SceneError, unknown_name
 
 Array = NDArray[np.float64]
 
@@ -27,9 +29,20 @@ class Ground:
 
     Args:
       model: of the scene, without a character.
+      avoid: names of geoms that are there but not meant to be stood on, such as water.
+
+    Raises:
+      SceneError: the scene has no geom of such a name.
     """
 
-    def __init__(self, model: mujoco.MjModel) -> None:
+    def __init__(self, model: mujoco.MjModel, avoid: Sequence[str] = ()) -> None:
+        names = [model.geom(geom).name for geom in range(model.ngeom)]
+        for name in avoid:
+            if name not in names:
+                known = [other for other in names if other]
+                raise SceneError(unknown_name("geom to avoid", name, known))
+        # One more, never avoided, for rays that hit nothing.
+        self._avoided = np.array([*(name in avoid and name != "" for name in names), False])
         self.model = solid_model(model)
         walls = copy.copy(self.model)
         walls.geom_rgba[walls.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD, 3] = 0.0
@@ -45,13 +58,24 @@ class Ground:
           height (...) [m] and normal (..., 3); NaN and zero where there is nothing to stand on:
           no surface at all, a wall, or the inside of a solid.
         """
+        height, normal, _ = self.standing(points)
+        return height, normal
+
+    def standing(self, points: Array) -> tuple[Array, Array, NDArray[np.int32]]:
+        """Return what :meth:`under` does, and the geoms (...) that it is of; -1 for none."""
         shape = points.shape[:-1]
         origin = points.reshape(-1, 3) + (0.0, 0.0, LOOK_FROM)
-        distance, _, normal = self._rays.cast(origin, np.array((0.0, 0.0, -1.0)))
+        distance, geom, normal = self._rays.cast(origin, np.array((0.0, 0.0, -1.0)))
         stands = (distance >= 0.0) & (normal[:, 2] > STEEPEST)
         height = np.where(stands, origin[:, 2] - distance, np.nan)
         normal = np.where(stands[:, None], normal, 0.0)
-        return height.reshape(shape), normal.reshape(*shape, 3)
+        geom = np.where(stands, geom, np.int32(-1))
+        return height.reshape(shape), normal.reshape(*shape, 3), geom.reshape(shape)
+
+    def firm(self, points: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Return what :meth:`under` does, and where (...) that is not meant to be stood on."""
+        height, normal, geom = self.standing(points)
+        return height, normal, np.asarray(self._avoided[geom])
 
     def on_field(self, points: Array) -> bool:
         """Return whether all of points (n, 3) are over heightfields, seen as :meth:`under` does."""

@@ -7,6 +7,7 @@ scene.start_pos, scene.start_yaw
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TypeAlias
@@ -53,6 +54,14 @@ class Scene:
     def ground(self) -> Ground:
         """What one stands on."""
         return Ground(self.model)
+
+    def ground_without(self, avoid: Sequence[str]) -> Ground:
+        """Return what one stands on, without geoms that are not meant to be stood on.
+
+        Raises:
+          SceneError: the scene has no geom of such a name.
+        """
+        return Ground(self.model, avoid) if avoid else self.ground
 
     def __repr__(self) -> str:
         x, y, z = self.start_pos

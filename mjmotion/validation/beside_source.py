@@ -33,7 +33,7 @@ from mjmotion.validation.support import (
 Array = NDArray[np.float64]
 _MM = 1000.0
 _STEEP = np.cos(np.radians(3.0))  # ground whose normal is closer to upright is level
-_SOLES = ("heel", "toe")  # endings of the sites that feet stand with
+_SOLES = ("heel", "toe", "_knee", "_palm", "seat")  # endings of the sites that stand
 
 
 class Body:
@@ -43,7 +43,7 @@ class Body:
       anatomy: its parts.
       overlap: its geoms that collide.
       rest: where it is at ``qpos0``, one frame.
-      sites: ids of its heels and toes.
+      sites: ids of its heels and toes, and of knees, palms and a seat that rest.
 
     Args:
       model: holds the character.
@@ -70,6 +70,7 @@ class BesideSource:
       source, motion: the two, of as many frames.
       contacts: who stands when.
       changing: the character's size in every frame of the motion, where that changes.
+      recording: the source in its own time, where that is another.
     """
 
     def __init__(
@@ -81,13 +82,20 @@ class BesideSource:
         contacts: Sequence[Contact],
         *,
         changing: ChangingBody | None = None,
+        recording: Motion | None = None,
     ) -> None:
+        self._recording = recording
         self._sheet, self._body, self._model = sheet, body, body.model
         self._source, self._motion, self._contacts = source, motion, contacts
         self._changes = changing is not None
         self._held = standing_frames(self._model, body.sites, contacts, motion.nframe)
         self._own = body_states(self._model, motion.qpos, changing)
         self._before = body_states(self._model, source.qpos)
+
+    @property
+    def sites(self) -> tuple[int, ...]:
+        """Ids of heels and toes."""
+        return self._body.sites
 
     def posture(self) -> None:
         """How far trunk and head lean back."""
@@ -117,7 +125,11 @@ class BesideSource:
         own = ground_support(ground, sites, place[:, sites], self._held)
         before = level_support(model, sites, source_place[:, sites], self._held)
         fps, sheet = self._motion.fps, self._sheet
-        sheet.metrics["contact_kept_percent"] = kept_share(before.place, self._held, fps)
+        above = model.body_parentid[model.site_bodyid[list(sites)]]
+        kneels = np.stack(
+            [self._held[:, model.site_bodyid[list(sites)] == b].any(axis=1) for b in above], 1
+        )
+        sheet.metrics["contact_kept_percent"] = kept_share(before.place, self._held, fps, kneels)
         flat = self._held & (own.normal[..., 2] >= _STEEP)
         flat &= level_frames(own.height, fps)[:, None]
         owner, legs = model.site_bodyid[list(sites)], self._body.anatomy.legs
@@ -147,7 +159,10 @@ class BesideSource:
     def centre_of_mass(self) -> None:
         """How hard the centre of mass is pushed about."""
         fps = self._motion.fps
-        own, before = (acceleration_rms(one.com, fps) for one in (self._own, self._before))
+        level = self._before
+        if self._recording is not None:
+            level = body_states(self._model, self._recording.qpos)
+        own, before = (acceleration_rms(one.com, fps) for one in (self._own, level))
         if not np.isnan(own + before):
             where = f"{own:.2f} m/s² of {before:.2f}"
             self._sheet.note("com_acceleration_ratio", ratio(own, before), None, where)

@@ -28,16 +28,18 @@ from mjmotion.validation.figures import (
     travel,
 )
 from mjmotion.validation.ground import Ground
-from mjmotion.validation.inputs import ChangingBody, Contact, Recorded
+from mjmotion.validation.inputs import ChangingBody, Contact
 from mjmotion.validation.limits import limit_excess
 from mjmotion.validation.mapping import mapping_figures
 from mjmotion.validation.penetration import CharacterGeoms, penetration
 from mjmotion.validation.result import Validation, Worst, asked_clearance
 from mjmotion.validation.sheet import Sheet
 from mjmotion.validation.stance import Stance
+from mjmotion.validation.support import footprint_line, standing_frames
 from mjmotion.validation.thresholds import THRESHOLDS, Threshold, merge_thresholds
 
 _MM = 1000.0
+TOLD = 0.1  # of a change of the footprints' line by which the root's path may be off that
 
 
 def validate(
@@ -47,6 +49,7 @@ def validate(
     *,
     thresholds: Mapping[str, object] | None = None,
     body: ChangingBody | None = None,
+    recording: Motion | None = None,
 ) -> Validation:
     """Compute every figure of an adapted motion.
 
@@ -60,6 +63,7 @@ def validate(
         the feet.
       thresholds: changes to ``THRESHOLDS``, by name.
       body: the character's size in every frame of ``motion``, where that changes.
+      recording: the source in its own time, of other frames, where the motion's is another.
 
     Returns:
       The figures.
@@ -69,7 +73,9 @@ def validate(
     """
     merge_thresholds(thresholds)  # a wrong one is told before any work is done
     check_pair(source, motion, contacts)
-    return Judge(motion.model, contacts).validate(source, motion, thresholds=thresholds, body=body)
+    return Judge(motion.model, contacts).validate(
+        source, motion, thresholds=thresholds, body=body, recording=recording
+    )
 
 
 class Judge:
@@ -100,6 +106,7 @@ class Judge:
         *,
         thresholds: Mapping[str, object] | None = None,
         body: ChangingBody | None = None,
+        recording: Motion | None = None,
     ) -> Validation:
         """Compute every figure of an adapted motion: arguments and errors as :func:`validate`.
 
@@ -110,18 +117,27 @@ class Judge:
         if motion.model is not self.model:
             raise MotionError("the motion is on another model: make a Judge of motion.model")
         check_pair(source, motion, self.contacts)
-        return _Figures(self, source, motion, body).collect(merged)
+        if recording is not None:
+            check_pair(recording, recording, ())
+            if recording.model.nq != motion.model.nq:
+                raise MotionError("the recording is of another character than the motion")
+        return _Figures(self, source, motion, body, recording).collect(merged)
 
 
 class _Figures(Sheet):
     """Collects figures, and where each is worst, from one pair of motions."""
 
     def __init__(
-        self, judge: Judge, source: Motion, motion: Motion, body: ChangingBody | None
+        self,
+        judge: Judge,
+        source: Motion,
+        motion: Motion,
+        body: ChangingBody | None,
+        recording: Motion | None = None,
     ) -> None:
         super().__init__()
         self.source, self.motion, self.contacts = source, motion, judge.contacts
-        self.recording: Recorded | None = source.recording
+        self.recorded = source if recording is None else recording
         self.model, self.ground, self.geoms = judge.model, judge.ground, judge.geoms
         self.sites, self.feet = judge.sites, judge.feet
         self.changing = None if body is None else Changing(motion, body, self.geoms, self.ground)
@@ -129,7 +145,11 @@ class _Figures(Sheet):
             poses_of(motion, self.geoms) if self.changing is None else self.changing.poses
         )
         self.before = poses_of(source, self.geoms)
-        self.beside = BesideSource(self, judge.body, source, motion, judge.contacts, changing=body)
+        self.beside = BesideSource(
+            *(self, judge.body, source, motion, judge.contacts),
+            changing=body,
+            recording=recording,
+        )
         self.per_contact: list[dict[str, Any]] = []
         self.per_swing: list[dict[str, Any]] = []
         self.per_joint: dict[str, tuple[float, float]] = {}
@@ -147,8 +167,8 @@ class _Figures(Sheet):
         self.beside.centre_of_mass()
         self.beside.self_overlap()
         self.floating()
-        if self.recording is not None:
-            mapping_figures(self, self.source, self.recording)
+        if self.recorded.recording is not None:
+            mapping_figures(self, self.recorded, self.recorded.recording)
         return Validation(
             metrics={name: float(value) for name, value in self.metrics.items()},
             worst=self.worst,
@@ -298,10 +318,18 @@ class _Figures(Sheet):
             self.note(f"{prefix}jerk_ratio_p999", ratio(high[0], high[1]), int(frame), where)
 
     def travelling(self) -> None:
-        """How far the root goes over the ground."""
+        """How far the root goes over the ground, and from where to where."""
         (path, away), (own_path, own_away) = travel(self.motion.qpos), travel(self.source.qpos)
+        sites = self.beside.sites
+        held = standing_frames(self.model, sites, self.contacts, self.motion.nframe)
+        line, own_line = (
+            footprint_line(poses.site[:, sites], held) for poses in (self.poses, self.before)
+        )
+        # Steps of other lengths, and another way, take the root along: as far as they tell.
+        change, told = line - own_line, TOLD * abs(line - own_line)
+        asked = float(np.clip(path, own_path + change - told, own_path + change + told))
         for name, own, before in (
-            ("root_travel_ratio", path, own_path),
+            ("root_travel_ratio", path, asked),
             ("root_displacement_ratio", away, own_away),
         ):
             self.note(name, ratio(own, before, STILL), None, f"{own:.2f} m of {before:.2f} m")

@@ -135,16 +135,23 @@ def swings_of(
 ) -> list[Swing]:
     """Return all swings: where no site of a foot is in contact for 0.1 s or more.
 
+    Only of feet, and while their knees do not rest on the ground either: hands that support a body
+    go their own ways.
+
     The clearance of a swing is measured over its middle half. In the quarter before, the foot is
     still leaving the ground and in the quarter after it is about to land, and both go through
     every height down to zero; a swing cut off by an end of the clip is treated alike.
     """
     swings = []
-    for foot in feet:
+    soles = {int(model.site_bodyid[site]) for site in sole_sites(model, ())}
+    for foot in soles.intersection(feet) or feet:
+        leg = {foot, int(model.body_parentid[foot])} - {int(model.jnt_bodyid[0])}
+        if not any(int(model.site_bodyid[model.site(one.site).id]) == foot for one in contacts):
+            continue  # a foot that never stands, as of one who crawls
         down = np.zeros(motion.nframe + 2, dtype=bool)
         down[[0, -1]] = True
         for contact in contacts:
-            if model.site_bodyid[model.site(contact.site).id] == foot:
+            if int(model.site_bodyid[model.site(contact.site).id]) in leg:
                 down[contact.start + 1 : contact.end + 1] = True
         edge = np.flatnonzero(np.diff(down.astype(np.int8)))
         for start, end in edge.reshape(-1, 2).tolist():

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-_STANDING = ("_heel", "_toe")  # endings of the sites that stand on ground
+_STANDING = ("_heel", "_toe", "_knee", "_palm", "seat")  # endings of the sites that stand on ground
 
 
 class Contact(Protocol):
@@ -82,5 +82,5 @@ class ChangingBody(Protocol):
 
 
 def stands(contact: Contact) -> bool:
-    """Whether a contact is a heel's or a toe's, which stand on ground; others hold on."""
+    """Whether it is a heel's, toe's, knee's, palm's or seat's, which stand on ground, not hold."""
     return contact.site.endswith(_STANDING)

@@ -97,7 +97,7 @@ def ground_support(ground: Ground, sites: Sequence[int], place: Array, held: Mas
     return dataclasses.replace(level, normal=normal, friction=friction, height=heights)
 
 
-def kept_share(place: Array, held: Mask, fps: float) -> float:
+def kept_share(place: Array, held: Mask, fps: float, left_out: Mask | None = None) -> float:
     """Return the share [percent] of frames in which the source's sites stand that contacts cover.
 
     A site surely stands where it is slower than 0.08 m/s and no more than 20 mm over its lowest
@@ -107,10 +107,43 @@ def kept_share(place: Array, held: Mask, fps: float) -> float:
       place: (nframe, nsite, 3) the source's heels and toes [m].
       held: (nframe, nsite) whether a contact covers them.
       fps: frames a second.
+      left_out: (nframe, nsite) where they are not asked, as of a foot whose knee rests.
     """
     if len(place) < 2 or place.shape[1] == 0:
         return np.nan
     speed = np.linalg.norm(np.gradient(place, axis=0), axis=2) * fps
     low = place[..., 2] <= place[..., 2].min(axis=0) + LOW
     sure = (speed < SLOW) & low
+    if left_out is not None:
+        sure &= ~left_out
     return float(100.0 * np.mean(held[sure])) if sure.any() else np.nan
+
+
+def footprint_line(place: Array, held: Mask) -> float:
+    """Return how long the line between the footprints of a walk is, over the plane [m].
+
+    It is at the mean of all sites that ever stand, each where it stands on the mean until it is
+    put down elsewhere, and in between on the straight way there.
+
+    Args:
+      place: (nframe, nsite, 3) sites [m].
+      held: (nframe, nsite) whether each stands.
+    """
+    lines = []
+    frames = np.arange(len(place))
+    for site in np.flatnonzero(held.any(axis=0)).tolist():
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], held[:, site], [0]))))
+        runs = edges.reshape(-1, 2)
+        print_of = np.array([place[start:end, site, :2].mean(axis=0) for start, end in runs])
+        at = np.column_stack((runs[:, 0], runs[:, 1] - 1)).ravel()
+        both = np.repeat(print_of, 2, axis=0)
+        # A foot in the air where the clip begins or ends is where it is.
+        for frame, end in ((0, 0), (len(place) - 1, len(at))):
+            if not held[frame, site]:
+                at = np.insert(at, end, frame)
+                both = np.insert(both, end, place[frame, site, :2], axis=0)
+        lines.append([np.interp(frames, at, both[:, axis]) for axis in range(2)])
+    if not lines:
+        return 0.0
+    x, y = np.mean(lines, axis=0)
+    return float(np.hypot(np.diff(x), np.diff(y)).sum())

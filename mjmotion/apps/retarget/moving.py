@@ -28,6 +28,7 @@ from mjmotion.clips import load_clip
 from mjmotion.constraints import Constraint, SiteConstraint
 from mjmotion.exceptions import ContactError, FitError, unknown_name
 from mjmotion.fitting import TOLERANCE
+from mjmotion.footsteps.above_ground import above_ground
 from mjmotion.footsteps.ankles import SHORTEST, relax_ankles, trim_toe_contacts
 from mjmotion.footsteps.contacts import (
     Contact,
@@ -150,7 +151,7 @@ def plan_retarget(
     check_span(body.model, held)
     if not stands:
         shift = held_shift(guess, [*held, *constraints])
-        return Plan(guess, found, (), (), (), shift, ()), held
+        return Plan(guess, found, (), (), (), shift, (), scene.ground), held
     about = motion.qpos[0, :3] * (1.0, 1.0, 0.0)
     scale = leg_ratio(motion.character, body) if stride == "scale" else 1.0
     strides = Strides.find(motion, body, stands, about, scale)
@@ -190,12 +191,13 @@ def _with_paths(
     shift = sunk(paths)
     relaxed, trimmed = relax_ankles(shifted(guess, shift), feet, paths, contacts)
     if relaxed != paths:
-        paths, contacts = relaxed, trimmed
-        shift = sunk(paths)
+        paths = above_ground(feet, relaxed, paths, trimmed, scene.ground, guess.fps)
+        contacts, shift = trimmed, sunk(paths)
     spots, shortest = (strides.spots, placed.footholds), SHORTEST * guess.fps
     contacts = trim_toe_contacts(contacts, guess.character.feet, paths, spots, shortest)
     obstacles = find_obstacles(scene.model, guess.qpos[:, :3] + shift, placed.footholds)
-    return Plan(guess, contacts, paths, strides.spots, placed.footholds, shift, obstacles)
+    holds = placed.footholds
+    return Plan(guess, contacts, paths, strides.spots, holds, shift, obstacles, scene.ground)
 
 
 def _rigidity(character: Character, carried: bool) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.apps.transition.overlap import headings
-from mjmotion.apps.transition.sampling import sample
+from mjmotion.body.sampling import sample
 from mjmotion.apps.transition.warp import Warp
 from mjmotion.body.kinematics import site_id, site_positions
 from mjmotion.body.motion import Motion

@@ -1,0 +1,112 @@
+"""Where a walk goes: along its own line where that is free, else the least changed one that is.
+
+route = find_route(source, scene)
+elsewhere = route.bend.apply(source)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmotion.body.motion import Motion
+from mjmotion.route.bend import Bend
+from mjmotion.route.centreline import Centreline
+from mjmotion.route.fit import FINE, fit_line
+from mjmotion.route.free_space import FreeSpace, find_free_space
+from mjmotion.route.search import SHARPEST, STEP, Asked, find_way
+from mjmotion.route.width import BodyWidth
+from mjmotion.scene import Scene
+
+Array = NDArray[np.float64]
+
+MARGIN = 0.03  # room beside trunk and legs [m]
+SWING = 0.05  # room beside arms [m]
+FREE = 0.02  # a line that lacks no more of what trunk and legs take up is free [m]
+TRACK = 0.12  # half width of what a walk needs as ground [m]
+REACH = (1.5, 6.0)  # how far around its line a walk may go, at least and at most [m]
+AHEAD = 0.4  # how much further a foot is put than the line goes [m]
+TURNING = np.radians(80.0)  # most that a walk turns in a second beyond what it does
+ASIDE = 1.6  # most that it is pulled aside [m/s²]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Route:
+    """Where a walk goes.
+
+    Attributes:
+      own: (n, 2) its own line [m].
+      line: (m, 2) the line that it takes; the same where that is free [m].
+      bend: what takes it there.
+      space: what is free.
+      lack: by how much the body is too wide for the line at its narrowest place [m].
+      place: (2,) where that is [m].
+      bars: the geom that it lacks it of; -1 where there is no ground.
+    """
+
+    own: Array
+    line: Array
+    bend: Bend
+    space: FreeSpace
+    lack: float
+    place: Array
+    bars: int
+
+    @property
+    def bent(self) -> bool:
+        """Whether it is another line than its own."""
+        return self.line is not self.own
+
+
+def find_route(
+    source: Motion, scene: Scene, *, climb: bool = False, avoid: tuple[str, ...] = ()
+) -> Route:
+    """Return where a walk goes in a scene.
+
+    Args:
+      source: the walk at the scene's start, on level ground.
+      scene: the scene, at rest.
+      climb: whether what is higher than a step and has a top is climbed.
+      avoid: names of geoms that are not ground.
+    """
+    line = Centreline.of(source)
+    width = BodyWidth.of(source, line, float(scene.start_pos[2]))
+    own = line.spaced(FINE)
+    reach = float(np.clip(0.8 * line.whole, *REACH))
+    space = find_free_space(scene, own, reach, width.height, climb=climb, avoid=avoid)
+    _, trunk = needed_widths(width, np.arange(len(own)) * FINE)
+    if len(own) < 3 or space.lack(own, trunk).max() <= FREE:
+        return _route(own, own, Bend.none(source.nframe), space, trunk)
+    points = line.spaced(STEP, AHEAD)
+    lengths = np.arange(len(points)) * STEP
+    asked = Asked(points, *needed_widths(width, lengths), _sharpest(line, lengths))
+    new = fit_line(find_way(asked, space), asked, space)
+    count = min(len(new), len(trunk))
+    return _route(own, new, line.bend(new), space, trunk[:count])
+
+
+def needed_widths(width: BodyWidth, lengths: Array) -> tuple[Array, Array]:
+    """Return what a walk needs (n, nband + 1) to either side: with its arms, and without [m]."""
+    swung, trunk = width.at(lengths)
+    track = np.full((len(lengths), 1), TRACK)
+    trunk = np.column_stack((trunk + MARGIN, track))
+    swung = np.column_stack((swung + SWING, track))
+    return np.maximum(swung, trunk), trunk
+
+
+def _sharpest(line: Centreline, lengths: Array) -> Array:
+    """Return the most curvature (n,) beyond its own that a walk is to have [1/m]."""
+    pace = np.gradient(line.length) * line.fps if len(line.length) > 1 else np.zeros(1)
+    at = np.interp(lengths, line.length, pace)
+    pace = np.maximum(at, 0.1)
+    return np.minimum(SHARPEST, np.minimum(TURNING / pace, ASIDE / pace**2))
+
+
+def _route(own: Array, line: Array, bend: Bend, space: FreeSpace, needed: Array) -> Route:
+    count = min(len(line), len(needed))
+    lack = space.lack(line[:count], needed[:count])
+    worst = int(np.argmax(lack))
+    geom, _ = space.worst(line[worst], needed[worst])
+    return Route(own, line, bend, space, float(lack[worst]), line[worst], geom)
