@@ -63,20 +63,17 @@ def join_clips(
     """
     from mjmotion.apps.clearing import FitSettings
     from mjmotion.apps.transition import blend_clips, keep_contacts
+    from mjmotion.cli.given import read_given
     from mjmotion.cli.run import prepare, tell, write
     from mjmotion.cli.terminal import Bar, say, warn
     from mjmotion.output.folder import result_folder
-    from mjmotion.cli.given import read_given
     from mjmotion.validation.figures import joint_jerk_ratio
     from mjmotion.validation.text import number
 
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:
         bar("reading clips")
-        given = [
-            read_given(args, name)
-            for name in names
-        ]
+        given = [read_given(args, name) for name in names]
         clips = [one.motion for one in given]
         bar("overlaps and blends")
         joined = blend_clips(

@@ -154,9 +154,7 @@ def _followed(
     return follow(height[:, None], np.maximum(count, _THIN), time)[:, 0]
 
 
-def _drifts(
-    curve: Array, told: Sequence[tuple[RecordedFoot, RecordedStance]], fps: float
-) -> bool:
+def _drifts(curve: Array, told: Sequence[tuple[RecordedFoot, RecordedStance]], fps: float) -> bool:
     """Return whether standing feet go along with a curve (nframe,) [m], as on a floor that drifts.
 
     Of all flat stances, the slopes r of the foot's height over time and those f of the curve are

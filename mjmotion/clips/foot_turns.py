@@ -42,9 +42,7 @@ def flat_stays(stance: RecordedStance, fps: float) -> list[NDArray[np.int64]]:
     return [np.arange(part[0], part[-1] + 1) for part in np.split(stance.flat, cuts)]
 
 
-def stance_yaw(
-    yaw: Array, stance: RecordedStance, frames: NDArray[np.int64], fps: float
-) -> Array:
+def stance_yaw(yaw: Array, stance: RecordedStance, frames: NDArray[np.int64], fps: float) -> Array:
     """Return which way a foot is to point in frames (n,) of a stance or near it [rad].
 
     Args:

@@ -13,9 +13,9 @@ from mjmotion.body.joint_limits import swing_twist
 from mjmotion.body.limbs import two_bone_angles
 from mjmotion.body.motion import Motion
 from mjmotion.clips.dimensions import HumanoidDimensions
+from mjmotion.clips.floor import find_floor
 from mjmotion.clips.foot_noise import steady_turns
 from mjmotion.clips.foot_planting import plant_feet, toe_bend
-from mjmotion.clips.floor import find_floor
 from mjmotion.clips.joint_noise import quieted
 from mjmotion.clips.recorded import keep_recording
 from mjmotion.clips.recorded_feet import RecordedFoot, find_stances, without_raised

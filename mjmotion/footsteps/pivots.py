@@ -52,7 +52,8 @@ def find_pivot(yaw: Array, heel: NDArray[np.bool_], toe: NDArray[np.bool_]) -> P
 
     Args:
       yaw: (n,) which way it points over the ground, continuous [rad].
-      heel, toe: (n,) when each stands.
+      heel: (n,) when it stands.
+      toe: (n,) the same.
     """
     flat = heel & toe
     edges = np.flatnonzero(np.diff(np.concatenate(([0], flat.astype(np.int8), [0]))))

@@ -132,7 +132,9 @@ def read_motion(
       mapping: for a recording: which of its joints is which.
       fps: rate of a clip in place of its file's own.
       asf: of an AMC file, its skeleton.
-      in_place, loop, floor: of a recording, as :func:`mjmotion.load_clip` takes them.
+      in_place: of a recording, as :func:`mjmotion.load_clip` takes it, like the next two.
+      loop: how often it is repeated.
+      floor: what its ground is.
 
     Raises:
       ClipError: no such file or name, a damaged file, a skeleton that cannot be mapped.

@@ -8,13 +8,14 @@ measured after one turn for the whole clip, which brings its bones nearest to th
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.motion import Motion
-from mjmotion.validation.inputs import Recorded
+from mjmotion.validation.inputs import Contact, Recorded
 from mjmotion.validation.lowpass import HIGHEST, low_pass
 from mjmotion.validation.sheet import Sheet
 
@@ -48,7 +49,7 @@ class _Pair:
     floor: Array
 
     def line(self, first: str, last: str) -> tuple[Array, Array]:
-        """Return the directions (nframe, 3) from one role to another, recorded and in the motion."""
+        """Return directions (nframe, 3) from one role to another: recorded, and the motion's."""
         a, b = self.roles[first], self.roles[last]
         return _unit(self.recorded[:, b] - self.recorded[:, a]), _unit(
             self.motion[:, b] - self.motion[:, a]
@@ -71,9 +72,7 @@ def mapping_figures(sheet: Sheet, source: Motion, recording: Recorded) -> None:
         return
     place, turn = _bodies(source, [names[recording.bodies[i]] for i in known])
     roles = {recording.roles[i]: column for column, i in enumerate(known)}
-    pair = _turned(
-        _Pair(roles, recording.positions[:, known], place, recording.floor[:, known])
-    )
+    pair = _turned(_Pair(roles, recording.positions[:, known], place, recording.floor[:, known]))
     _bones(sheet, pair)
     _facing(sheet, pair)
     _foot_heights(sheet, pair)
@@ -109,6 +108,44 @@ def _foot_turns(sheet: Sheet, pair: _Pair, turns: tuple[Array, Array], fps: floa
             sheet.note("mapping_foot_turn_deg_s", value, worst, where)
 
 
+def beside_recording(
+    source: Motion, recording: Recorded, contacts: Sequence[Contact]
+) -> dict[str, float]:
+    """Return the figures of a motion beside its recording by name, without judging anything else.
+
+    Args:
+      source: the motion that was made of it.
+      recording: what it was made of, as many frames.
+      contacts: who stands when in the motion.
+    """
+    sheet = Sheet()
+    floating(sheet, contacts, source)
+    mapping_figures(sheet, source, recording)
+    return dict(sheet.metrics)
+
+
+def floating(sheet: Sheet, contacts: Sequence[Contact], motion: Motion) -> None:
+    """Note how many contacts there are, and for how long there is none.
+
+    Args:
+      sheet: where to.
+      contacts: who stands when.
+      motion: says how many frames there are, at which rate.
+    """
+    free = np.ones(motion.nframe, dtype=bool)
+    for contact in contacts:
+        free[contact.start : contact.end] = False
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], free.astype(np.int8), [0]))))
+    sheet.metrics["contact_count"] = len(contacts)
+    sheet.metrics["floating_percent"] = 100.0 * float(free.mean())
+    if len(edges) == 0:
+        sheet.metrics["floating_longest_s"] = 0.0
+        return
+    start, end = max(edges.reshape(-1, 2).tolist(), key=lambda run: run[1] - run[0])
+    length = (end - start) / motion.fps
+    sheet.note("floating_longest_s", length, start, f"to {end - 1}")
+
+
 def turn_rate(quats: Array, fps: float) -> Array:
     """Return how fast something turns about the vertical (nframe,) [°/s], low-passed at 6 Hz.
 
@@ -134,7 +171,7 @@ def noise(recording: Recorded, fps: float) -> tuple[float, None, str]:
     the joints. NaN where the frame rate tells nothing so fast.
     """
     share = 1.0 - 2.0 * NOISE_CUTOFF / fps
-    if NOISE_CUTOFF >= HIGHEST * fps or len(recording.turns) < 5:
+    if HIGHEST * fps <= NOISE_CUTOFF or len(recording.turns) < 5:
         return np.nan, None, ""
     columns = {role: i for i, role in enumerate(recording.roles)}
     found = {}
@@ -167,9 +204,9 @@ def _bones(sheet: Sheet, pair: _Pair) -> None:
             ends = f"{side}_{first}", f"{side}_{last}"
             if all(role in pair.roles for role in ends):
                 angles[f"{side} {first} to {last}"] = _angle(*pair.line(*ends))
-    middles = [_middles(pair, "hip"), _middles(pair, "shoulder")]
-    if middles[0] is not None and middles[1] is not None:
-        (low, own_low), (high, own_high) = middles
+    low_ends, high_ends = _middles(pair, "hip"), _middles(pair, "shoulder")
+    if low_ends is not None and high_ends is not None:
+        (low, own_low), (high, own_high) = low_ends, high_ends
         angles["hips to shoulders"] = _angle(_unit(high - low), _unit(own_high - own_low))
     if not angles:
         return
@@ -235,7 +272,10 @@ def _turned(pair: _Pair) -> _Pair:
 def _bodies(motion: Motion, bodies: list[int]) -> tuple[Array, Array]:
     """Return places (nframe, n, 3) [m] and orientations (nframe, n, 4) of bodies."""
     data = mujoco.MjData(motion.model)
-    place, turn = np.empty((motion.nframe, len(bodies), 3)), np.empty((motion.nframe, len(bodies), 4))
+    place, turn = (
+        np.empty((motion.nframe, len(bodies), 3)),
+        np.empty((motion.nframe, len(bodies), 4)),
+    )
     for frame, pose in enumerate(motion.qpos):  # MuJoCo poses one frame at a time
         data.qpos[:] = pose
         mujoco.mj_kinematics(motion.model, data)
