@@ -30,6 +30,7 @@ from mjmotion.footsteps.raised import not_raised
 Array = NDArray[np.float64]
 
 _FLOOR_POINTS = 20  # places of standing sites that tell a floor at least
+_FLOOR_STEP = 0.1  # how far apart a foot must have stood at least [m]
 _FLOOR_SPREAD = 0.015  # how far they must spread either way [m]
 _FLOOR_TILTED = 3.0  # how much nearer to a tilted plane than to a level one they must be
 _SUFFIXES = ("_heel", "_toe")
@@ -248,12 +249,17 @@ def _floor(
     level one.
     """
     still = np.zeros(speed.shape, dtype=bool)
+    stepped = 0.0  # how far apart the places are on which one foot stands
     for body in np.unique(bodies):
         mine = bodies == body
         still[:, mine] = (speed[:, mine] < settings.still).all(axis=1, keepdims=True)
+        if (rests := still[:, mine][:, 0]).any():
+            places = position[rests][:, mine, :2].mean(axis=1)
+            stepped = max(stepped, float(np.ptp(places, axis=0).max()))
     flat = np.zeros(speed.shape)
     points = position[still]
-    if len(points) < _FLOOR_POINTS:
+    # Two places alone are always on some plane, also where one foot is only raised.
+    if len(points) < _FLOOR_POINTS or stepped < _FLOOR_STEP:
         return flat
     centre = points.mean(axis=0)
     away = points - centre
