@@ -292,7 +292,7 @@ def test_a_damaged_recording_is_refused(tmp_path: Path) -> None:
         )
     ):
         path = tmp_path / f"{number}.npz"
-        dataclasses.replace(recording, **changes).save(path)
+        dataclasses.replace(recording, **changes).save(path)  # type: ignore[arg-type]
         with pytest.raises(ClipError, match="does not hold the recording"):
             Recording.load(path, recording.nframe)
 

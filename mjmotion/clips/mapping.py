@@ -98,17 +98,9 @@ def map_clip(
     notes = (*odd, f"up axis {source.up_axis}, 1 unit of the file is {source.scale:.6g} m")
     body = _trunk(source)
     root = (source.position("left_hip") + source.position("right_hip")) / 2
-    feet = [
-        dataclasses.replace(
-            _foot(source, side).moved_by(_hip_shift(source, side, body["pelvis"], humanoid)),
-            noise=max(
-                point_noise(recorded.position(f"{side}_{part}"), clip.fps)
-                for part in ("ankle", "toe")
-                if recorded.has(f"{side}_{part}")
-            ),
-        )
-        for side in SIDES
-    ]
+    feet = [_foot(source, side, recorded) for side in SIDES]
+    shifts = [_hip_shift(source, side, body["pelvis"], humanoid) for side in SIDES]
+    feet = [foot.moved_by(shift) for foot, shift in zip(feet, shifts, strict=True)]
     for side in SIDES:
         _arm(source, side, body)
     yaw, start = start_of(root, body["pelvis"], clip.fps)
@@ -293,8 +285,8 @@ def _hinge_axis(first: Array, second: Array, joint: Array, fallback: Array) -> A
     return rot.normalized(axis - rot.dot(axis, first)[:, None] * first)
 
 
-def _foot(source: UprightClip, side: str) -> RecordedFoot:
-    """Return the recorded foot of one side."""
+def _foot(source: UprightClip, side: str, recorded: UprightClip) -> RecordedFoot:
+    """Return the recorded foot of one side; ``recorded`` tells how noisy it was."""
     hip, knee, ankle = (source.position(f"{side}_{part}") for part in ("hip", "knee", "ankle"))
     thigh, shank = rot.normalized(knee - hip), rot.normalized(ankle - knee)
     across = source.position("left_hip") - source.position("right_hip")
@@ -320,7 +312,10 @@ def _foot(source: UprightClip, side: str) -> RecordedFoot:
     ball = ankle + np.einsum("nij,nkj,nk->ni", joint, noisy, ball - ankle)
     if toes is not None:
         toes = joint @ np.swapaxes(noisy, 1, 2) @ toes
-    return RecordedFoot.recorded(ankle, ball, joint, toes, normal, rest_pitch, source.clip.fps)
+    foot = RecordedFoot.recorded(ankle, ball, joint, toes, normal, rest_pitch, source.clip.fps)
+    points = [f"{side}_{part}" for part in ("ankle", "toe") if recorded.has(f"{side}_{part}")]
+    noises = [point_noise(recorded.position(role), source.clip.fps) for role in points]
+    return dataclasses.replace(foot, noise=max(noises))
 
 
 def _hip_shift(

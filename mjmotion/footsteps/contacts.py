@@ -248,14 +248,12 @@ def _floor(
     Zero unless the places where whole feet stand still are all but on such a plane, and not on a
     level one.
     """
-    still = np.zeros(speed.shape, dtype=bool)
-    stepped = 0.0  # how far apart the places are on which one foot stands
+    still, stepped = np.zeros(speed.shape, dtype=bool), 0.0
     for body in np.unique(bodies):
         mine = bodies == body
         still[:, mine] = (speed[:, mine] < settings.still).all(axis=1, keepdims=True)
         if (rests := still[:, mine][:, 0]).any():
-            places = position[rests][:, mine, :2].mean(axis=1)
-            stepped = max(stepped, float(np.ptp(places, axis=0).max()))
+            stepped = max(stepped, float(np.ptp(position[rests][:, mine, :2], axis=0).max()))
     flat = np.zeros(speed.shape)
     points = position[still]
     # Two places alone are always on some plane, also where one foot is only raised.

@@ -19,7 +19,7 @@ from mjmotion.body.kinematics import Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, SceneError, frame_list
 from mjmotion.footsteps.contacts import Contact, contact_mask
-from mjmotion.footsteps.pivots import Pivot, find_pivot
+from mjmotion.footsteps.pivots import Pivot, find_pivot, foot_yaw, stood_spans
 from mjmotion.footsteps.rough import RISEN, settled_near
 from mjmotion.footsteps.settling import Plates, Tread
 from mjmotion.footsteps.soles import Placed, set_down, walled
@@ -116,7 +116,7 @@ def find_stances(
         for start, end in edges.reshape(-1, 2):
             spans = [_span(mask, start, end) for mask in (heel, toe)]
             flat = heel[start:end] & toe[start:end]
-            pivot = find_pivot(_yaw(pose, foot, start, end), heel[start:end], toe[start:end])
+            pivot = find_pivot(foot_yaw(pose, foot, start, end), heel[start:end], toe[start:end])
             if pivot is not None:
                 flat &= np.abs(pivot.turn) < 1e-9  # as it first stands
             frames = start + np.flatnonzero(
@@ -132,25 +132,14 @@ def contacts_of(stances: Sequence[Stance], feet: Sequence[Foot]) -> tuple[Contac
     found = []
     for stance in stances:
         for part, span in (("heel", stance.heel), ("toe", stance.toe)):
-            mask = np.zeros(stance.end, dtype=bool)
-            mask[slice(*span)] = True
-            if stance.pivot is not None:
-                stood = stance.pivot.heel if part == "heel" else stance.pivot.toe
-                mask[stance.start :] &= stood[: stance.end - stance.start]
-            edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
             name = f"{feet[stance.foot].side}_{part}"
-            found += [Contact(name, int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+            spans = (
+                [span]
+                if stance.pivot is None
+                else stood_spans(stance.pivot, part, span, stance.start)
+            )
+            found += [Contact(name, *one) for one in spans if one[1] > one[0]]
     return tuple(sorted(found, key=lambda contact: (contact.start, contact.site)))
-
-
-def _yaw(pose: Pose, foot: Foot, start: int, end: int) -> Array:
-    """Return which way a foot points over the ground (end - start,), continuous [rad]."""
-    heel, toe = (
-        pose.site_xpos[start:end, site_id(pose.model, f"{foot.side}_{part}")]
-        for part in ("heel", "toe")
-    )
-    along = toe - heel
-    return np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
 
 
 def _span(mask: NDArray[np.bool_], start: int, end: int) -> tuple[int, int]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.feet import Foot
+from mjmotion.body.kinematics import Pose, site_id
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 
 Array = NDArray[np.float64]
@@ -67,3 +68,29 @@ def find_pivot(yaw: Array, heel: NDArray[np.bool_], toe: NDArray[np.bool_]) -> P
     for (start, end), way in zip(stays, ways, strict=True):
         turn[start:end] = way - ways[0]  # while it stands flat it does not turn
     return Pivot(turn, heel, toe, bool((toe & ~heel).sum() >= (heel & ~toe).sum()))
+
+
+def foot_yaw(pose: Pose, foot: Foot, start: int, end: int) -> Array:
+    """Return which way a foot points over the ground (end - start,), continuous [rad]."""
+    heel, toe = (
+        pose.site_xpos[start:end, site_id(pose.model, f"{foot.side}_{part}")]
+        for part in ("heel", "toe")
+    )
+    along = toe - heel
+    return np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
+
+
+def stood_spans(
+    pivot: Pivot, part: str, span: tuple[int, int], start: int
+) -> list[tuple[int, int]]:
+    """Return the frames (start, end) in which heel or toe (``part``) stands.
+
+    Args:
+      pivot: how the foot turns.
+      part: ``"heel"`` or ``"toe"``.
+      span: from the first to the last such frame of the stance, as it is by now.
+      start: first frame of the stance.
+    """
+    stood = (pivot.heel if part == "heel" else pivot.toe)[span[0] - start : span[1] - start]
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], stood.astype(np.int8), [0]))))
+    return [(span[0] + int(a), span[0] + int(b)) for a, b in edges.reshape(-1, 2)]
