@@ -29,8 +29,8 @@ class Recording:
     Attributes:
       roles: (nrole) such as ``left_knee``.
       bodies: (nrole) the character's body whose origin is to be where the role's joint is.
-      positions: (nframe, nrole, 3) of the recorded joints, z up, at the character's scale [m]; turned
-        about z and moved over the ground as the recording was.
+      positions: (nframe, nrole, 3) of the recorded joints, z up, at the character's scale [m];
+        turned about z and moved over the ground as the recording was.
       turns: (nframe, nrole, 4) orientations of the recorded joints in the world, wxyz; what each is
         at rest is the recording's own affair.
       floor: (nframe, nrole) height of the ground under each joint, as it was taken to be [m].

@@ -13,7 +13,7 @@ from mjmotion.cli.arguments import (
     add_reading,
     add_thresholds,
 )
-from mjmotion.cli.given import READING, read_given
+from mjmotion.cli.given import READING, read_noted, telling
 
 HELP = "adapt a clip to a scene, validate it and make a video"
 EXAMPLE = "mjmotion adapt walk --scene terrain --out out/walk"
@@ -81,23 +81,24 @@ def run(args: argparse.Namespace) -> int:
     with Bar() as bar, result_folder(args.out, args.force) as folder:
         bar("reading scene and clip")
         scene = load_scene(args.scene).at_rest(args.keyframe)
-        clip = read_given(args, args.clip, folders=False).motion
+        (clip, _), odd = read_noted(args, args.clip, folders=False)
         contacts = load_contacts(args.contacts, clip.model, clip.nframe) if args.contacts else None
         own = (
             load_constraints(args.constraints, clip.model, clip.nframe) if args.constraints else ()
         )
-        result = adapt(
-            clip,
-            scene,
-            contacts=contacts,
-            constraints=own,
-            free_footholds=args.free_footholds,
-            heading=args.heading,
-            levels=args.levels,
-            tolerance=args.tolerance,
-            ik=args.ik,
-            progress=bar,
-        )
+        with telling(odd):
+            result = adapt(
+                clip,
+                scene,
+                contacts=contacts,
+                constraints=own,
+                free_footholds=args.free_footholds,
+                heading=args.heading,
+                levels=args.levels,
+                tolerance=args.tolerance,
+                ik=args.ik,
+                progress=bar,
+            )
         check_free(result.unmet, own)
         title = f"{Path(args.clip).stem} on {scene.name}"
         validation = write(folder, result, thresholds, args, bar, title=title)

@@ -2,34 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+from mjmotion.body.motion import Motion
 from mjmotion.cli.describe import describe_motion
 from mjmotion.clips import Clip
 from mjmotion.clips.in_place import going
 from mjmotion.clips.rig import FoundRoles, find_rig, find_roles
 from mjmotion.clips.rig_file import mapping_text
 from mjmotion.exceptions import ClipError, OutputError
+from mjmotion.footsteps.contacts import detect_contacts
+from mjmotion.validation.mapping import beside_recording
+from mjmotion.validation.text import number
 
 WIDTH = 44  # of the tree, in characters; what is said about a joint stands behind it
 
 
 def describe_recording(
-    clip: Clip, what: str, mapping: Path | None, write: Path | None
+    clip: Clip, what: str, how: Mapping[str, Any], write: Path | None
 ) -> list[str]:
     """Return lines about a recording: its tree with roles, and the motion that comes of it.
 
     Args:
       clip: the recording.
       what: what the user calls it.
-      mapping: a mapping file of the user.
+      how: how it is read, as keywords of ``load_clip``: mapping, in_place, loop and floor count.
       write: where to write what was found as a mapping file.
 
     Raises:
       ClipError: the mapping is wrong.
       OutputError: the mapping file cannot be written.
     """
-    roles = find_roles(clip)
+    roles, mapping = find_roles(clip), how["mapping"]
+    going_on = {name: how[name] for name in ("in_place", "loop", "floor")}
     lines = [
         f"clip        {what}",
         f"skeleton    {len(clip.joint_names)} joints",
@@ -48,16 +55,35 @@ def describe_recording(
         roles = FoundRoles(rig.joints, reasons, rig.notes)
         lines += tree_lines(clip, roles)
         try:
-            mapped = going(clip, "humanoid", rig)
+            mapped = going(clip, "humanoid", rig, **going_on)
         except ClipError as error:
             lines.append(f"note        it cannot be put on the humanoid: {error}")
         else:
             lines += describe_motion(what, mapped.motion)[1:]
+            lines += mapping_lines(mapped.motion)
             lines += [f"note        {note}" for note in mapped.notes]
     if write is not None:
         _write(write, clip, roles)
         lines.append(f"written     {write}")
     return lines
+
+
+def mapping_lines(motion: Motion) -> list[str]:
+    """Return lines on how a motion stands beside the recording that it was made of."""
+    if motion.recording is None:
+        return []
+    found = beside_recording(motion, motion.recording, detect_contacts(motion))
+    return [
+        f"floating    no foot stands in {number(found['floating_percent'])} % of the frames,"
+        f" {number(found['floating_longest_s'])} s at most",
+        f"noise       {number(found['recording_noise_deg'])}° a joint",
+        f"floor       levelled by {number(found['recording_floor_mm'])} mm",
+        f"mapping     bones {number(found['mapping_bone_deg'])}° off the recording,"
+        f" {number(found['mapping_bone_p95_deg'])}° p95;"
+        f" facing {number(found['mapping_facing_deg'])}°;"
+        f" standing feet turn {number(found['mapping_foot_turn_deg_s'])}°/s otherwise,"
+        f" {number(found['mapping_foot_height_mm'])} mm higher or lower",
+    ]
 
 
 def tree_lines(clip: Clip, roles: FoundRoles) -> list[str]:

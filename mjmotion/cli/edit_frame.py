@@ -126,12 +126,12 @@ def run(args: argparse.Namespace) -> int:
     """Edit a frame, validate the result and write everything into a folder, with a plot."""
     from mjmotion.apps.edit import Span, edit_frame
     from mjmotion.apps.edit.ranges import write_ranges
+    from mjmotion.cli.given import read_given
     from mjmotion.cli.run import prepare, tell, write
     from mjmotion.cli.terminal import Bar, say
     from mjmotion.exceptions import ConstraintError
     from mjmotion.footsteps.contacts import load_contacts
     from mjmotion.output.folder import result_folder
-    from mjmotion.cli.given import read_given
 
     kinds = {kind for kind, _ in args.moves}
     if len(kinds) != 1 or len(args.moves) != len(args.site):

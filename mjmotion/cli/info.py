@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from mjmotion.cli.arguments import positive
+from mjmotion.cli.arguments import add_recording
+from mjmotion.cli.given import READING, how_read
 
 HELP = "say what is in a clip, scene, model or result folder"
 EXAMPLE = "mjmotion info out/walk"
@@ -14,9 +15,7 @@ EXAMPLE = "mjmotion info out/walk"
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument("what", metavar="FILE|NAME|DIR", help="what to describe")
-    parser.add_argument("--mapping", type=Path, help="of a recording: which joint is which")
-    parser.add_argument("--fps", type=positive, help="of a recording: its rate")
-    parser.add_argument("--asf", type=Path, help="of an AMC file: its skeleton")
+    add_recording(parser)
     parser.add_argument(
         "--write-mapping",
         type=Path,
@@ -35,11 +34,12 @@ def run(args: argparse.Namespace) -> int:
 
     if is_recording(args.what):
         clip = read_clip(args.what, fps=args.fps, asf=args.asf)
-        say(*describe_recording(clip, args.what, args.mapping, args.write_mapping))
+        say(*describe_recording(clip, args.what, how_read(args), args.write_mapping))
         return 0
-    if args.mapping or args.fps or args.asf or args.write_mapping:
+    if how_read(args) != READING or args.write_mapping:
         raise MotionError(
-            f"'{args.what}' is no recording: leave --mapping, --fps, --asf and --write-mapping"
+            f"'{args.what}' is no recording: leave --mapping, --fps, --asf, --in-place, --loop,"
+            " --floor and --write-mapping"
         )
     say(*describe(args.what))
     return 0

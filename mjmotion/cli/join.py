@@ -63,10 +63,10 @@ def join_clips(
     """
     from mjmotion.apps.clearing import FitSettings
     from mjmotion.apps.transition import blend_clips, keep_contacts
+    from mjmotion.cli.given import read_given
     from mjmotion.cli.run import prepare, tell, write
     from mjmotion.cli.terminal import Bar, say, warn
     from mjmotion.output.folder import result_folder
-    from mjmotion.cli.given import read_given
     from mjmotion.validation.figures import joint_jerk_ratio
     from mjmotion.validation.text import number
 

@@ -54,12 +54,12 @@ def run(args: argparse.Namespace) -> int:
     """Morph a walk, validate the result and write everything into a folder."""
     from mjmotion.apps.morph import morph
     from mjmotion.body.proportions import Proportions, make_character
+    from mjmotion.cli.given import read_given
     from mjmotion.cli.run import prepare, tell, write
     from mjmotion.cli.terminal import Bar
     from mjmotion.exceptions import MotionError, unknown_name
     from mjmotion.footsteps.contacts import load_contacts
     from mjmotion.output.folder import result_folder
-    from mjmotion.cli.given import read_given
     from mjmotion.paper.morph import KEYS, paper_walk
     from mjmotion.scene import without_scene
 

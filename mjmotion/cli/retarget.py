@@ -51,13 +51,13 @@ def run(args: argparse.Namespace) -> int:
     """Retarget a motion, validate the result and write everything into a folder."""
     from mjmotion.apps.retarget import retarget
     from mjmotion.body.character import Character
+    from mjmotion.cli.given import read_given
     from mjmotion.cli.run import prepare, tell, write
     from mjmotion.cli.terminal import Bar
     from mjmotion.constraints import load_constraints
     from mjmotion.constraints.unmet import check_free
     from mjmotion.footsteps.contacts import load_contacts
     from mjmotion.output.folder import result_folder
-    from mjmotion.cli.given import read_given
     from mjmotion.scene import load_scene, scene_of
 
     thresholds = prepare(args)

@@ -147,16 +147,9 @@ def load_clip(
             " for"
         )
     if is_recording(path):
-        return map_recording(
-            path,
-            character,
-            mapping=mapping,
-            fps=fps,
-            asf=asf,
-            in_place=in_place,
-            loop=loop,
-            floor=floor,
-        ).motion
+        how: dict[str, Any] = {"mapping": mapping, "fps": fps, "asf": asf}
+        going_on: dict[str, Any] = {"in_place": in_place, "loop": loop, "floor": floor}
+        return map_recording(path, character, **how, **going_on).motion
     if asf is not None or in_place is not None or loop != 1 or floor != "auto":
         raise ClipError(f"'{path}' is no recording: leave asf, in_place, loop and floor")
     suffix = path.suffix.lower()

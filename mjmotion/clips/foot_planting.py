@@ -20,7 +20,7 @@ from mjmotion.body.feet import Toes
 from mjmotion.body.reach import drop_to_reach
 from mjmotion.clips.dimensions import HumanoidDimensions
 from mjmotion.clips.floor import EVEN, Floor
-from mjmotion.clips.foot_turns import flat_stays, foot_yaw, stance_yaw
+from mjmotion.clips.foot_turns import flat_stays, foot_yaw, stance_yaw, turns_on_heel
 from mjmotion.clips.recorded_feet import STILL, RecordedFoot, RecordedStance
 from mjmotion.clips.rig import SIDES
 from mjmotion.clips.upright import UP, speed_of
@@ -137,6 +137,9 @@ def _pin(
         if not stance.level:
             goals.fix(stance.flat, np.zeros(3), foot.ankle[stance.flat].mean(axis=0))
             continue
+        if turns_on_heel(foot, stance):
+            _turn_on_heel(goals, foot, stance, points, heel, fps)
+            continue
         tip = _roll_over_toe(goals, foot, stance, points, toe, fps)
         if len(stance.flat):
             landed = goals.quat[stance.flat[0]]
@@ -202,6 +205,23 @@ def _roll_over_toe(
     goals.turn(frames[use], quat[use])
     goals.fix(frames[use], toe, tip)
     return tip
+
+
+def _turn_on_heel(
+    goals: _StanceGoals,
+    foot: RecordedFoot,
+    stance: RecordedStance,
+    points: Array,
+    heel: Array,
+    fps: float,
+) -> None:
+    """Hold the heel of a foot that turns on it, level; arguments as of :func:`_roll_over_toe`."""
+    frames = np.arange(stance.start, stance.end)
+    quat = rot.yaw_quat(stance_yaw(points, stance, frames, fps))
+    place = (foot.ankle[frames] + rot.rotate(quat, heel)).mean(axis=0)
+    place[2] = 0.0 if abs(stance.height) < EVEN / 2 else stance.height
+    goals.turn(frames, quat)
+    goals.fix(frames, heel, place)
 
 
 def _roll_over_heel(

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 RESTS = np.radians(8.0)  # a flat foot that turns by no more in its stay rests [rad]
 _TOGETHER = 0.1  # [s] flat stays less apart are one
 _STEEP = 0.3  # least share of a foot's forward axis over the ground that tells its yaw
+_WANDERS = 0.04  # [m] a ball that goes so far in a stance does not stay on its spot
 _SLOW = 4.0  # [Hz] a foot that turns flat on the ground does so slower than that
 
 
@@ -40,6 +41,19 @@ def flat_stays(stance: RecordedStance, fps: float) -> list[NDArray[np.int64]]:
         return []
     cuts = np.flatnonzero(np.diff(stance.flat) > max(1.0, _TOGETHER * fps)) + 1
     return [np.arange(part[0], part[-1] + 1) for part in np.split(stance.flat, cuts)]
+
+
+def turns_on_heel(foot: RecordedFoot, stance: RecordedStance) -> bool:
+    """Return whether a flat foot turns about its heel in a stance: the ball goes, the ankle stays.
+
+    Slow enough that the ball would be taken to stand too.
+    """
+    span = slice(stance.start, stance.end)
+    ball, ankle = (
+        float(np.linalg.norm(np.ptp(np.percentile(p[span, :2], (5, 95), axis=0), axis=0)))
+        for p in (foot.ball, foot.ankle)
+    )
+    return len(stance.flat) > 0 and ball > _WANDERS and ankle < 0.5 * ball
 
 
 def stance_yaw(yaw: Array, stance: RecordedStance, frames: NDArray[np.int64], fps: float) -> Array:

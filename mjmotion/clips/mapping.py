@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 
-import mujoco
 import numpy as np
 
 from mjmotion.body.character import Character, CharacterLike
@@ -12,10 +11,11 @@ from mjmotion.body.feet import Foot
 from mjmotion.body.joint_limits import swing_twist
 from mjmotion.body.limbs import two_bone_angles
 from mjmotion.body.motion import Motion
+from mjmotion.clips.assembling import assemble, start_of
 from mjmotion.clips.dimensions import HumanoidDimensions
+from mjmotion.clips.floor import find_floor
 from mjmotion.clips.foot_noise import steady_turns
 from mjmotion.clips.foot_planting import plant_feet, toe_bend
-from mjmotion.clips.floor import find_floor
 from mjmotion.clips.joint_noise import quieted
 from mjmotion.clips.recorded import keep_recording
 from mjmotion.clips.recorded_feet import RecordedFoot, find_stances, without_raised
@@ -98,20 +98,12 @@ def map_clip(
     notes = (*odd, f"up axis {source.up_axis}, 1 unit of the file is {source.scale:.6g} m")
     body = _trunk(source)
     root = (source.position("left_hip") + source.position("right_hip")) / 2
-    feet = [
-        dataclasses.replace(
-            _foot(source, side).moved_by(_hip_shift(source, side, body["pelvis"], humanoid)),
-            noise=max(
-                point_noise(recorded.position(f"{side}_{part}"), clip.fps)
-                for part in ("ankle", "toe")
-                if recorded.has(f"{side}_{part}")
-            ),
-        )
-        for side in SIDES
-    ]
+    feet = [_foot(source, side, recorded) for side in SIDES]
+    shifts = [_hip_shift(source, side, body["pelvis"], humanoid) for side in SIDES]
+    feet = [foot.moved_by(shift) for foot, shift in zip(feet, shifts, strict=True)]
     for side in SIDES:
         _arm(source, side, body)
-    yaw, start = _start(root, body["pelvis"], clip.fps)
+    yaw, start = start_of(root, body["pelvis"], clip.fps)
     turn = rot.yaw_quat(np.array(-yaw))
     body = {name: rot.multiply(np.broadcast_to(turn, q.shape), q) for name, q in body.items()}
     root = rot.rotate(turn, root - start)
@@ -127,7 +119,7 @@ def map_clip(
         body[f"{side}_thigh"], knees[side], tipped = leg
         body[f"{side}_foot"] = tipped.quat
         planted.append(tipped)
-    qpos = _assemble(character.model, root, body, knees)
+    qpos = assemble(character.model, root, body, knees)
     for foot, own in zip(planted, humanoid.feet, strict=True):
         qpos = _with_toes(qpos, foot, own, humanoid, clip.fps)
     check_steady(clip, qpos)
@@ -293,8 +285,8 @@ def _hinge_axis(first: Array, second: Array, joint: Array, fallback: Array) -> A
     return rot.normalized(axis - rot.dot(axis, first)[:, None] * first)
 
 
-def _foot(source: UprightClip, side: str) -> RecordedFoot:
-    """Return the recorded foot of one side."""
+def _foot(source: UprightClip, side: str, recorded: UprightClip) -> RecordedFoot:
+    """Return the recorded foot of one side; ``recorded`` tells how noisy it was."""
     hip, knee, ankle = (source.position(f"{side}_{part}") for part in ("hip", "knee", "ankle"))
     thigh, shank = rot.normalized(knee - hip), rot.normalized(ankle - knee)
     across = source.position("left_hip") - source.position("right_hip")
@@ -320,7 +312,10 @@ def _foot(source: UprightClip, side: str) -> RecordedFoot:
     ball = ankle + np.einsum("nij,nkj,nk->ni", joint, noisy, ball - ankle)
     if toes is not None:
         toes = joint @ np.swapaxes(noisy, 1, 2) @ toes
-    return RecordedFoot.recorded(ankle, ball, joint, toes, normal, rest_pitch, source.clip.fps)
+    foot = RecordedFoot.recorded(ankle, ball, joint, toes, normal, rest_pitch, source.clip.fps)
+    points = [f"{side}_{part}" for part in ("ankle", "toe") if recorded.has(f"{side}_{part}")]
+    noises = [point_noise(recorded.position(role), source.clip.fps) for role in points]
+    return dataclasses.replace(foot, noise=max(noises))
 
 
 def _hip_shift(
@@ -368,51 +363,3 @@ def _arm(source: UprightClip, side: str, body: dict[str, Array]) -> None:
         hang = rot.to_matrix(rot.between(-UP, down))
         constant = source.to_z_up.T @ source.facing @ hang
         body[f"{side}_hand"] = rot.from_matrix(source.rotation(f"{side}_wrist") @ constant)
-
-
-def _start(root: Array, pelvis: Array, fps: float) -> tuple[float, Array]:
-    """Return the heading [rad] in which the clip sets off, and where on the ground it begins."""
-    start = root[0] * (1.0, 1.0, 0.0)
-    away = (root - root[0])[:, :2]
-    far = np.linalg.norm(away, axis=1)
-    forward = rot.rotate(pelvis, np.array((1.0, 0.0, 0.0)))[:, :2]
-    facing = forward[: max(1, int(fps))].mean(axis=0)
-    goal = int(np.argmax(far > 1.0)) if (far > 1.0).any() else int(np.argmax(far))
-    facing = rot.normalized(forward[: goal + 1].mean(axis=0) if far[goal] > 0.3 else facing)
-    travel = away[goal] / max(far[goal], 1e-9)
-    # Someone who walks backwards or sideways should face +x, not travel along it.
-    heading = travel if far[goal] > 0.3 and travel @ facing > 0.5 else facing
-    return float(np.arctan2(heading[1], heading[0])), start
-
-
-def _assemble(
-    model: mujoco.MjModel, root: Array, body: dict[str, Array], knees: dict[str, Array]
-) -> Array:
-    """Return qpos (nframe, nq) from the root's position and the bodies' orientations."""
-    qpos = np.tile(model.qpos0, (len(root), 1))
-    zero = np.zeros(len(root))
-
-    def put(joint: str, value: Array) -> None:
-        at = model.jnt_qposadr[model.joint(joint).id]
-        qpos[:, at : at + value.shape[1]] = value
-
-    def ball(joint: str, parent: str, child: str) -> None:
-        quat = rot.multiply(rot.conjugate(body[parent]), body[child])
-        quat = rot.continuous(quat)
-        put(joint, -quat if quat[:, 0].mean() < 0 else quat)
-
-    put("root", np.concatenate([root, rot.continuous(body["pelvis"])], axis=1))
-    ball("spine", "pelvis", "torso")
-    ball("neck", "torso", "neck")
-    ball("head", "neck", "head")
-    for side in SIDES:
-        arm = rot.multiply(rot.conjugate(body[f"{side}_upper_arm"]), body[f"{side}_forearm"])
-        put(f"{side}_elbow", 2 * np.arctan2(-arm[:, 2:3], arm[:, :1]))
-        ball(f"{side}_shoulder", "torso", f"{side}_upper_arm")
-        ball(f"{side}_wrist", f"{side}_forearm", f"{side}_hand")
-        put(f"{side}_knee", knees[side][:, None])
-        bend = np.stack([np.cos(knees[side] / 2), zero, np.sin(knees[side] / 2), zero], axis=-1)
-        body = body | {f"{side}_shank": rot.multiply(body[f"{side}_thigh"], bend)}
-        ball(f"{side}_hip", "pelvis", f"{side}_thigh")
-        ball(f"{side}_ankle", f"{side}_shank", f"{side}_foot")
-    return qpos

@@ -25,11 +25,12 @@ from mjmotion.body.motion import Motion
 from mjmotion.boundary.limits import MOST_FRAMES, shown, whole_number
 from mjmotion.boundary.structured import read_json
 from mjmotion.exceptions import ContactError, MotionError, wrong_type
-from mjmotion.footsteps.raised import bears
+from mjmotion.footsteps.raised import not_raised
 
 Array = NDArray[np.float64]
 
 _FLOOR_POINTS = 20  # places of standing sites that tell a floor at least
+_FLOOR_STEP = 0.1  # how far apart a foot must have stood at least [m]
 _FLOOR_SPREAD = 0.015  # how far they must spread either way [m]
 _FLOOR_TILTED = 3.0  # how much nearer to a tilted plane than to a level one they must be
 _SUFFIXES = ("_heel", "_toe")
@@ -141,7 +142,7 @@ def detect_contacts(
         )
         for body in np.unique(bodies)
     }
-    found: list[tuple[int, Contact]] = []
+    found = []
     for column, name in enumerate(chosen):
         foot = bodies == bodies[column]
         ground = grounds[bodies[column]]
@@ -156,37 +157,15 @@ def detect_contacts(
         for start, end in (_resting(height, run, settings.rise) for run in runs):
             whole = start == 0 or end == motion.nframe
             if end - start >= settings.shortest * motion.fps or (whole and end - start > 1):
-                found.append((int(bodies[column]), Contact(name, start, end)))
+                found.append(Contact(name, start, end))
     lowest = {body: position[:, bodies == body, 2].min(axis=1) for body in np.unique(bodies)}
-    kept = _standing(found, lowest, motion.fps)
+    owner = dict(zip(chosen, bodies.tolist(), strict=True))
+    spans = [(owner[one.site], one.start, one.end) for one in found]
+    stands = not_raised(spans, lowest, motion.fps)
+    found = [one for one, stood in zip(found, stands, strict=True) if stood]
     if sites is None:
-        kept = _with_rests(kept, motion, pose.site_xpos, ids, settings)
-    return tuple(sorted(kept, key=lambda contact: (contact.start, contact.site)))
-
-
-def _standing(
-    found: Sequence[tuple[int, Contact]], lowest: dict[int, Array], fps: float
-) -> list[Contact]:
-    """Return the contacts, each given with its foot, of feet that are not just held in the air.
-
-    Args:
-      found: foot and contact.
-      lowest: (nframe,) height of the lowest site of each foot [m].
-      fps: frames a second.
-    """
-    rests = {foot: np.zeros(len(height), dtype=bool) for foot, height in lowest.items()}
-    for foot, contact in found:
-        rests[foot][contact.start : contact.end] = True
-    kept = []
-    for foot, contact in found:
-        others = [other for other in rests if other != foot]
-        heights = [np.where(rests[other], lowest[other], np.inf) for other in others]
-        under = np.min(heights, axis=0) if heights else np.full(len(lowest[foot]), np.inf)
-        under = np.where(np.isfinite(under), under, np.nan)
-        run = (contact.start, contact.end)
-        if bears(run, lowest[foot], under, [rests[other] for other in others], fps):
-            kept.append(contact)
-    return kept
+        found = _with_rests(found, motion, pose.site_xpos, ids, settings)
+    return tuple(sorted(found, key=lambda contact: (contact.start, contact.site)))
 
 
 def _with_rests(
@@ -269,13 +248,16 @@ def _floor(
     Zero unless the places where whole feet stand still are all but on such a plane, and not on a
     level one.
     """
-    still = np.zeros(speed.shape, dtype=bool)
+    still, stepped = np.zeros(speed.shape, dtype=bool), 0.0
     for body in np.unique(bodies):
         mine = bodies == body
         still[:, mine] = (speed[:, mine] < settings.still).all(axis=1, keepdims=True)
+        if (rests := still[:, mine][:, 0]).any():
+            stepped = max(stepped, float(np.ptp(position[rests][:, mine, :2], axis=0).max()))
     flat = np.zeros(speed.shape)
     points = position[still]
-    if len(points) < _FLOOR_POINTS:
+    # Two places alone are always on some plane, also where one foot is only raised.
+    if len(points) < _FLOOR_POINTS or stepped < _FLOOR_STEP:
         return flat
     centre = points.mean(axis=0)
     away = points - centre

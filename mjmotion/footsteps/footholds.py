@@ -19,7 +19,7 @@ from mjmotion.body.kinematics import Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, SceneError, frame_list
 from mjmotion.footsteps.contacts import Contact, contact_mask
-from mjmotion.footsteps.pivots import Pivot, find_pivot
+from mjmotion.footsteps.pivots import Pivot, find_pivot, foot_yaw
 from mjmotion.footsteps.rough import RISEN, settled_near
 from mjmotion.footsteps.settling import Plates, Tread
 from mjmotion.footsteps.soles import Placed, set_down, walled
@@ -120,7 +120,7 @@ def find_stances(
         for start, end in edges.reshape(-1, 2):
             spans = [_span(mask, start, end) for mask in (heel, toe)]
             flat = heel[start:end] & toe[start:end]
-            pivot = find_pivot(_yaw(pose, foot, start, end), heel[start:end], toe[start:end])
+            pivot = find_pivot(foot_yaw(pose, foot, start, end), heel[start:end], toe[start:end])
             if pivot is not None:
                 flat &= np.abs(pivot.turn) < 1e-9  # as it first stands
             frames = start + np.flatnonzero(
@@ -128,7 +128,10 @@ def find_stances(
             )
             position, quat = _level_pose(pose, motion, foot, frames, spans)
             off = [_gaps(mask, *span) for mask, span in zip((heel, toe), spans, strict=True)]
-            stances.append(Stance(index, *spans, position, quat, off[0], off[1], pivot))
+            heel_off, toe_off = off
+            stances.append(
+                Stance(index, spans[0], spans[1], position, quat, heel_off, toe_off, pivot)
+            )
     return tuple(sorted(stances, key=lambda stance: (stance.start, stance.foot)))
 
 
@@ -145,16 +148,6 @@ def contacts_of(stances: Sequence[Stance], feet: Sequence[Foot]) -> tuple[Contac
         if end > start
     ]
     return tuple(sorted(found, key=lambda contact: (contact.start, contact.site)))
-
-
-def _yaw(pose: Pose, foot: Foot, start: int, end: int) -> Array:
-    """Return which way a foot points over the ground (end - start,), continuous [rad]."""
-    heel, toe = (
-        pose.site_xpos[start:end, site_id(pose.model, f"{foot.side}_{part}")]
-        for part in ("heel", "toe")
-    )
-    along = toe - heel
-    return np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
 
 
 def _span(mask: NDArray[np.bool_], start: int, end: int) -> tuple[int, int]:

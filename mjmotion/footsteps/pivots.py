@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.feet import Foot
+from mjmotion.body.kinematics import Pose, site_id
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 
 Array = NDArray[np.float64]
@@ -49,7 +50,8 @@ def find_pivot(yaw: Array, heel: NDArray[np.bool_], toe: NDArray[np.bool_]) -> P
 
     Args:
       yaw: (n,) which way it points over the ground, continuous [rad].
-      heel, toe: (n,) when each stands.
+      heel: (n,) when it stands.
+      toe: (n,) the same.
     """
     flat = heel & toe
     edges = np.flatnonzero(np.diff(np.concatenate(([0], flat.astype(np.int8), [0]))))
@@ -63,3 +65,13 @@ def find_pivot(yaw: Array, heel: NDArray[np.bool_], toe: NDArray[np.bool_]) -> P
     for (start, end), way in zip(stays, ways, strict=True):
         turn[start:end] = way - ways[0]  # while it stands flat it does not turn
     return Pivot(turn, bool((toe & ~heel).sum() >= (heel & ~toe).sum()))
+
+
+def foot_yaw(pose: Pose, foot: Foot, start: int, end: int) -> Array:
+    """Return which way a foot points over the ground (end - start,), continuous [rad]."""
+    heel, toe = (
+        pose.site_xpos[start:end, site_id(pose.model, f"{foot.side}_{part}")]
+        for part in ("heel", "toe")
+    )
+    along = toe - heel
+    return np.unwrap(np.arctan2(along[:, 1], along[:, 0]))

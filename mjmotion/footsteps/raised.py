@@ -6,7 +6,7 @@ stands there bears the body, sooner or later alone; one that is only raised neve
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,30 +18,30 @@ ALONE = 0.1  # share of its frames, at least, that a foot which stands there bea
 BRIEF = 0.5  # how long it may not, where the clip begins or ends [s]
 
 
-def bears(
-    run: tuple[int, int],
-    height: Array,
-    ground: Array,
-    others: Sequence[NDArray[np.bool_]],
-    fps: float,
-) -> bool:
-    """Return whether a foot that rests over frames of a clip stands, and is not just raised.
+def not_raised(
+    spans: Sequence[tuple[int, int, int]], lowest: Mapping[int, Array], fps: float
+) -> list[bool]:
+    """Return of each rest of a foot whether it stands there, and is not just held in the air.
 
     Args:
-      run: first frame and the one after the last.
-      height: (nframe,) of the lowest site of the foot, over what is level [m].
-      ground: (nframe,) under the other feet that stand, as far as known; NaN elsewhere [m].
-      others: (nframe,) each, when every other foot rests.
+      spans: foot, first frame, and the one after the last.
+      lowest: foot to height (nframe,) of its lowest site, over what is level [m].
       fps: frames a second.
     """
-    start, end = run
-    under = ground[start:end]
-    known = ~np.isnan(under)
-    if not others or not known.any():
-        return True
-    if float(np.median((height[start:end] - under)[known])) < RAISED:
-        return True
-    if (start == 0 or end == len(height)) and end - start < BRIEF * fps:
-        return True
-    rest = np.logical_or.reduce(others)[start:end]
-    return bool((~rest).mean() >= ALONE)
+    rests = {foot: np.zeros(len(height), dtype=bool) for foot, height in lowest.items()}
+    for foot, start, end in spans:
+        rests[foot][start:end] = True
+    stood = []
+    for foot, start, end in spans:
+        others = [other for other in rests if other != foot and rests[other][start:end].any()]
+        brief = (start == 0 or end == len(lowest[foot])) and end - start < BRIEF * fps
+        if not others or brief:
+            stood.append(True)
+            continue
+        resting = np.stack([rests[other][start:end] for other in others])
+        height = np.stack([lowest[other][start:end] for other in others])
+        any_rests = resting.any(axis=0)
+        over = lowest[foot][start:end] - np.where(resting, height, np.inf).min(axis=0)
+        raised = float(np.median(over[any_rests])) >= RAISED
+        stood.append(not raised or float((~any_rests).mean()) >= ALONE)
+    return stood

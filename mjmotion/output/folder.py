@@ -10,6 +10,7 @@
 | model.xml and assets | character and scene in one MJCF |
 | contacts.json | who stood where and when |
 | body.npz | of a morph: the character's size in every frame |
+| recorded_joints.npz | the joints of a recording's own skeleton, to be held against the source |
 | report.json, report.html | the figures |
 | video.mp4 | source and motion |
 """
@@ -27,10 +28,10 @@ from mjmotion.boundary.whole import locked, name_aside, put_in_place, tidy, writ
 from mjmotion.exceptions import OutputError
 
 MOTION, SOURCE, MODEL, CONTACTS = "motion.npz", "source.npz", "model.xml", "contacts.json"
-RECORDING = "recording.npz"
+RECORDING, JOINTS = "recording.npz", "recorded_joints.npz"
 BODY, REPORT, PAGE, VIDEO = "body.npz", "report.json", "report.html", "video.mp4"
 FILES = (
-    *(MOTION, SOURCE, RECORDING, MODEL, CONTACTS, BODY, REPORT, PAGE, VIDEO),
+    *(MOTION, SOURCE, RECORDING, JOINTS, MODEL, CONTACTS, BODY, REPORT, PAGE, VIDEO),
     *("original.npz", "original.xml", "constraints.json"),  # of a rope climb
 )
 """Every file of a result but the assets of its models."""

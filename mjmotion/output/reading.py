@@ -15,6 +15,7 @@ import mujoco
 from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.morph_body import MorphBody
 from mjmotion.body.motion import Motion
+from mjmotion.body.recording import Recording
 from mjmotion.boundary.limits import MOST_COUNT, at_most, real_number, shown, whole_number
 from mjmotion.boundary.mjcf import MUJOCO_ERRORS, check_mjcf, check_model
 from mjmotion.boundary.structured import read_json
@@ -23,7 +24,16 @@ from mjmotion.clips import builtin_contacts, load_clip
 from mjmotion.constraints.unmet import Unmet
 from mjmotion.exceptions import MotionError, mujoco_message
 from mjmotion.footsteps.contacts import Contact, load_contacts
-from mjmotion.output.folder import BODY, CONTACTS, MODEL, MOTION, RECORDING, REPORT, SOURCE
+from mjmotion.output.folder import (
+    BODY,
+    CONTACTS,
+    JOINTS,
+    MODEL,
+    MOTION,
+    RECORDING,
+    REPORT,
+    SOURCE,
+)
 from mjmotion.output.result import Result
 
 _NEEDED = (MOTION, SOURCE, MODEL, CONTACTS)
@@ -59,6 +69,11 @@ def read_results(folder: str | Path) -> Result:
     body = MorphBody.load(folder / BODY, model) if (folder / BODY).is_file() else None
     own = folder / RECORDING
     recording = Motion.load(own, character) if own.is_file() else None
+    if (folder / JOINTS).is_file():
+        if recording is None:
+            source = _with_joints(source, folder / JOINTS)
+        else:
+            recording = _with_joints(recording, folder / JOINTS)
     for name, other in ((SOURCE, source), (BODY, body)):
         if other is not None and other.nframe != motion.nframe:
             raise MotionError(
@@ -78,6 +93,12 @@ def read_results(folder: str | Path) -> Result:
         notes=tuple(report.get("notes", ())),
         recording=recording,
     )
+
+
+def _with_joints(motion: Motion, path: Path) -> Motion:
+    """Return a motion with the recorded joints of a file."""
+    joints = Recording.load(path, motion.nframe)
+    return Motion(motion.character, motion.qpos, motion.fps, joints)
 
 
 class LoadedMotion(NamedTuple):
@@ -111,7 +132,9 @@ def read_motion(
       mapping: for a recording: which of its joints is which.
       fps: rate of a clip in place of its file's own.
       asf: of an AMC file, its skeleton.
-      in_place, loop, floor: of a recording, as :func:`mjmotion.load_clip` takes them.
+      in_place: of a recording, as :func:`mjmotion.load_clip` takes it, like the next two.
+      loop: how often it is repeated.
+      floor: what its ground is.
 
     Raises:
       ClipError: no such file or name, a damaged file, a skeleton that cannot be mapped.

@@ -25,6 +25,7 @@ from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.output.folder import (
     BODY,
     CONTACTS,
+    JOINTS,
     MODEL,
     MOTION,
     RECORDING,
@@ -309,6 +310,9 @@ def write_motions(folder: str | Path, result: Result) -> None:
             result.body.save(folder / BODY)
         if result.recording is not None:
             result.recording.save(folder / RECORDING)
+        own = result.source if result.recording is None else result.recording
+        if own.recording is not None:
+            own.recording.save(folder / JOINTS)
     except OSError as error:
         raise OutputError(f"cannot write into '{folder}': {error.strerror or error}") from error
     spec = result.motion.character.spec.copy()

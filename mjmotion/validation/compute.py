@@ -28,9 +28,9 @@ from mjmotion.validation.figures import (
     travel,
 )
 from mjmotion.validation.ground import Ground
-from mjmotion.validation.inputs import ChangingBody, Contact, Recorded
+from mjmotion.validation.inputs import ChangingBody, Contact
 from mjmotion.validation.limits import limit_excess
-from mjmotion.validation.mapping import mapping_figures
+from mjmotion.validation.mapping import floating, mapping_figures
 from mjmotion.validation.penetration import CharacterGeoms, penetration
 from mjmotion.validation.result import Validation, Worst, asked_clearance
 from mjmotion.validation.sheet import Sheet
@@ -137,7 +137,7 @@ class _Figures(Sheet):
     ) -> None:
         super().__init__()
         self.source, self.motion, self.contacts = source, motion, judge.contacts
-        self.recording: Recorded | None = source.recording
+        self.recorded = source if recording is None else recording
         self.model, self.ground, self.geoms = judge.model, judge.ground, judge.geoms
         self.sites, self.feet = judge.sites, judge.feet
         self.changing = None if body is None else Changing(motion, body, self.geoms, self.ground)
@@ -166,9 +166,9 @@ class _Figures(Sheet):
         self.beside.stances(self.ground, self.poses.site, self.before.site)
         self.beside.centre_of_mass()
         self.beside.self_overlap()
-        self.floating()
-        if self.recording is not None:
-            mapping_figures(self, self.source, self.recording)
+        floating(self, self.contacts, self.motion)
+        if self.recorded.recording is not None:
+            mapping_figures(self, self.recorded, self.recorded.recording)
         return Validation(
             metrics={name: float(value) for name, value in self.metrics.items()},
             worst=self.worst,
@@ -198,22 +198,6 @@ class _Figures(Sheet):
             self.note("foot_skate_mm_s", speed, None, f"{place}: {fastest['skate_mm_s']:.1f}")
         for gap in stance.gaps():
             self.metrics[gap.name], self.worst[gap.name] = gap.value, gap.worst
-
-    def floating(self) -> None:
-        """How many contacts there are, and for how long there is none."""
-        free = np.ones(self.motion.nframe, dtype=bool)
-        for contact in self.contacts:
-            free[contact.start : contact.end] = False
-        edges = np.flatnonzero(np.diff(np.concatenate(([0], free.astype(np.int8), [0]))))
-        runs = edges.reshape(-1, 2)
-        self.metrics["contact_count"] = len(self.contacts)
-        self.metrics["floating_percent"] = 100.0 * float(free.mean())
-        longest = max(runs, key=lambda run: run[1] - run[0], default=None)
-        if longest is None:
-            self.metrics["floating_longest_s"] = 0.0
-            return
-        length = float(longest[1] - longest[0]) / self.motion.fps
-        self.note("floating_longest_s", length, int(longest[0]), f"to {longest[1] - 1}")
 
     def penetrations(self) -> None:
         """How deep feet and all other bodies are in the scene."""

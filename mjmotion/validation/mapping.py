@@ -8,19 +8,22 @@ measured after one turn for the whole clip, which brings its bones nearest to th
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.motion import Motion
-from mjmotion.validation.inputs import Recorded
+from mjmotion.validation.inputs import Contact, Recorded
 from mjmotion.validation.lowpass import HIGHEST, low_pass
 from mjmotion.validation.sheet import Sheet
 
 Array = NDArray[np.float64]
 
 TURN_CUTOFF = 6.0  # [Hz] of the low-pass of what a foot turns
+TURN_SHARE = 95.0  # percentile of the differences in that which counts
+STANDS = 0.4  # [m/s] a recorded ball that is slower stands
 NOISE_CUTOFF = 10.0  # [Hz] what a recorded joint does faster is taken for noise
 HEIGHT_SHARE = 5.0  # percentile of a foot's heights at which it stands
 _MM = 1000.0
@@ -46,7 +49,7 @@ class _Pair:
     floor: Array
 
     def line(self, first: str, last: str) -> tuple[Array, Array]:
-        """Return the directions (nframe, 3) from one role to another, recorded and in the motion."""
+        """Return directions (nframe, 3) from one role to another: recorded, and the motion's."""
         a, b = self.roles[first], self.roles[last]
         return _unit(self.recorded[:, b] - self.recorded[:, a]), _unit(
             self.motion[:, b] - self.motion[:, a]
@@ -73,19 +76,74 @@ def mapping_figures(sheet: Sheet, source: Motion, recording: Recorded) -> None:
     _bones(sheet, pair)
     _facing(sheet, pair)
     _foot_heights(sheet, pair)
-    turns = np.asarray(recording.turns)[:, known]
+    _foot_turns(sheet, pair, (np.asarray(recording.turns)[:, known], turn), source.fps)
+
+
+def _foot_turns(sheet: Sheet, pair: _Pair, turns: tuple[Array, Array], fps: float) -> None:
+    """How much faster or slower feet that stand turn about the vertical than recorded.
+
+    Args:
+      sheet: where to.
+      pair: both, by role.
+      turns: (nframe, nrole, 4) orientations, recorded and of the motion.
+      fps: frames a second.
+    """
     for side in _SIDES:
-        if (column := roles.get(f"{side}_ankle")) is not None:
-            own, before = (
-                turn_rate(quats, source.fps) for quats in (turn[:, column], turns[:, column])
-            )
-            sheet.per_frame[f"foot_turn_deg_s/{side}"] = own
-            sheet.per_frame[f"recorded_foot_turn_deg_s/{side}"] = before
-            off = np.abs(own - before)
-            worst = int(off.argmax())
-            if not off[worst] <= sheet.metrics["mapping_foot_turn_deg_s"]:
-                where = f"{side} foot: {own[worst]:.0f}°/s, recorded {before[worst]:.0f}"
-                sheet.note("mapping_foot_turn_deg_s", float(off[worst]), worst, where)
+        column = pair.roles.get(f"{side}_ankle")
+        if column is None:
+            continue
+        before, own = (turn_rate(quats[:, column], fps) for quats in turns)
+        sheet.per_frame[f"foot_turn_deg_s/{side}"] = own
+        sheet.per_frame[f"recorded_foot_turn_deg_s/{side}"] = before
+        ball = pair.recorded[:, pair.roles.get(f"{side}_toe", column)]
+        smooth = low_pass(ball, TURN_CUTOFF, fps)
+        speed = np.linalg.norm(np.gradient(smooth, axis=0), axis=1) * fps if len(ball) > 1 else 0.0
+        stands = np.broadcast_to(speed < STANDS, own.shape)
+        if not stands.any():
+            continue
+        off = np.where(stands, np.abs(own - before), 0.0)
+        worst, value = int(off.argmax()), float(np.percentile(off[stands], TURN_SHARE))
+        if not value <= sheet.metrics["mapping_foot_turn_deg_s"]:
+            where = f"{side} foot: {own[worst]:.0f}°/s, recorded {before[worst]:.0f}"
+            sheet.note("mapping_foot_turn_deg_s", value, worst, where)
+
+
+def beside_recording(
+    source: Motion, recording: Recorded, contacts: Sequence[Contact]
+) -> dict[str, float]:
+    """Return the figures of a motion beside its recording by name, without judging anything else.
+
+    Args:
+      source: the motion that was made of it.
+      recording: what it was made of, as many frames.
+      contacts: who stands when in the motion.
+    """
+    sheet = Sheet()
+    floating(sheet, contacts, source)
+    mapping_figures(sheet, source, recording)
+    return dict(sheet.metrics)
+
+
+def floating(sheet: Sheet, contacts: Sequence[Contact], motion: Motion) -> None:
+    """Note how many contacts there are, and for how long there is none.
+
+    Args:
+      sheet: where to.
+      contacts: who stands when.
+      motion: says how many frames there are, at which rate.
+    """
+    free = np.ones(motion.nframe, dtype=bool)
+    for contact in contacts:
+        free[contact.start : contact.end] = False
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], free.astype(np.int8), [0]))))
+    sheet.metrics["contact_count"] = len(contacts)
+    sheet.metrics["floating_percent"] = 100.0 * float(free.mean())
+    if len(edges) == 0:
+        sheet.metrics["floating_longest_s"] = 0.0
+        return
+    start, end = max(edges.reshape(-1, 2).tolist(), key=lambda run: run[1] - run[0])
+    length = (end - start) / motion.fps
+    sheet.note("floating_longest_s", length, start, f"to {end - 1}")
 
 
 def turn_rate(quats: Array, fps: float) -> Array:
@@ -113,7 +171,7 @@ def noise(recording: Recorded, fps: float) -> tuple[float, None, str]:
     the joints. NaN where the frame rate tells nothing so fast.
     """
     share = 1.0 - 2.0 * NOISE_CUTOFF / fps
-    if NOISE_CUTOFF >= HIGHEST * fps or len(recording.turns) < 5:
+    if HIGHEST * fps <= NOISE_CUTOFF or len(recording.turns) < 5:
         return np.nan, None, ""
     columns = {role: i for i, role in enumerate(recording.roles)}
     found = {}
@@ -146,9 +204,9 @@ def _bones(sheet: Sheet, pair: _Pair) -> None:
             ends = f"{side}_{first}", f"{side}_{last}"
             if all(role in pair.roles for role in ends):
                 angles[f"{side} {first} to {last}"] = _angle(*pair.line(*ends))
-    middles = [_middles(pair, "hip"), _middles(pair, "shoulder")]
-    if middles[0] is not None and middles[1] is not None:
-        (low, own_low), (high, own_high) = middles
+    low_ends, high_ends = _middles(pair, "hip"), _middles(pair, "shoulder")
+    if low_ends is not None and high_ends is not None:
+        (low, own_low), (high, own_high) = low_ends, high_ends
         angles["hips to shoulders"] = _angle(_unit(high - low), _unit(own_high - own_low))
     if not angles:
         return
@@ -175,25 +233,24 @@ def _facing(sheet: Sheet, pair: _Pair) -> None:
 
 
 def _foot_heights(sheet: Sheet, pair: _Pair) -> None:
-    """How much higher or lower over the floor ankles and balls are than recorded.
+    """How much higher or lower over the floor ankles are than recorded.
 
-    What a joint has over the floor as its foot stands is its body's own: the lowest 5 % of its
+    What an ankle has over the floor as its foot stands is its body's own: the lowest 5 % of its
     heights are taken for one another.
     """
+    name = "mapping_foot_height_mm"
     for side in _SIDES:
-        for part in ("ankle", "toe"):
-            column = pair.roles.get(f"{side}_{part}")
-            if column is None:
-                continue
-            before = pair.recorded[:, column, 2] - pair.floor[:, column]
-            own = pair.motion[:, column, 2]
-            before, own = (h - np.percentile(h, HEIGHT_SHARE) for h in (before, own))
-            off = np.abs(own - before) * _MM
-            name = "mapping_foot_height_mm"
-            sheet.per_frame[f"{name}/{side}_{part}"] = (own - before) * _MM
-            value, frame = float(np.percentile(off, 95.0)), int(off.argmax())
-            if not value <= sheet.metrics[name]:
-                sheet.note(name, value, frame, f"{side} {part}: {off[frame]:.0f}")
+        column = pair.roles.get(f"{side}_ankle")
+        if column is None:
+            continue
+        before = pair.recorded[:, column, 2] - pair.floor[:, column]
+        own = pair.motion[:, column, 2]
+        before, own = (h - np.percentile(h, HEIGHT_SHARE) for h in (before, own))
+        sheet.per_frame[f"{name}/{side}"] = (own - before) * _MM
+        off = np.abs(own - before) * _MM
+        value, frame = float(np.percentile(off, 95.0)), int(off.argmax())
+        if not value <= sheet.metrics[name]:
+            sheet.note(name, value, frame, f"{side} ankle: {off[frame]:.0f}")
     used = [pair.roles[f"{side}_ankle"] for side in _SIDES if f"{side}_ankle" in pair.roles]
     if used:
         sheet.note("recording_floor_mm", float(np.ptp(pair.floor[:, used])) * _MM, None, "")

@@ -49,7 +49,7 @@ LABELS: dict[str, str] = {
     "mapping_bone_deg": "mapping: bones off the recording, mean",
     "mapping_bone_p95_deg": "mapping: bones off the recording, p95",
     "mapping_facing_deg": "mapping: facing off the recording, p95",
-    "mapping_foot_turn_deg_s": "mapping: turn of feet off the recording, worst",
+    "mapping_foot_turn_deg_s": "mapping: turn of standing feet off the recording, p95",
     "mapping_foot_height_mm": "mapping: heights of feet off the recording, p95",
     "recording_floor_mm": "recording: floor levelled by",
     "recording_noise_deg": "recording: noise of its joints",

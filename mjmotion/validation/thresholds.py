@@ -34,6 +34,11 @@ THRESHOLDS: dict[str, Threshold] = {
     "com_acceleration_ratio": 1.5,
     "contact_kept_percent": 90.0,
     "unexplained_more_points": 10.0,
+    "mapping_bone_deg": 8.0,
+    "mapping_bone_p95_deg": 20.0,
+    "mapping_facing_deg": 10.0,
+    "mapping_foot_turn_deg_s": 100.0,
+    "mapping_foot_height_mm": 50.0,
 }
 AT_LEAST = frozenset({"swing_clearance_mm", "contact_kept_percent"})
 
