@@ -140,9 +140,9 @@ def load_clip(
         return map_recording(
             path, character, mapping=mapping, fps=fps, asf=asf, in_place=in_place, loop=loop
         ).motion
-    if asf is not None or in_place is not None or loop != 1:
-        raise ClipError(f"'{path}' is no recording: leave asf, in_place and loop")
     suffix = path.suffix.lower()
+    if suffix in ("", ".npz", ".csv"):
+        _check_no_recording(path, mapping=mapping, asf=asf, in_place=in_place, loop=loop)
     if suffix == "" and not path.exists():
         names = builtin_clips()
         if str(path_or_name) not in names:
@@ -156,3 +156,15 @@ def load_clip(
     else:
         raise not_read(path, f"it is of no known kind: give one of {', '.join(SUFFIXES)}")
     return motion if fps is None else Motion(character, motion.qpos, fps)
+
+
+def _check_no_recording(path: Path, loop: int, **given: object) -> None:
+    """Refuse what is for recordings alone.
+
+    Raises:
+      ClipError: by the names of the command line.
+    """
+    meant = [name for name, value in given.items() if value is not None] + ["loop"] * (loop != 1)
+    if meant:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in meant)
+        raise ClipError(f"'{path}' is no recording on a skeleton of its own: leave {options}")

@@ -43,6 +43,8 @@ def read_results(folder: str | Path) -> Result:
       MotionError: the folder or a file of it is missing or damaged.
     """
     folder = Path(folder)
+    if folder.is_file():
+        raise MotionError(f"'{folder}' is a file: give the folder of a result")
     if not folder.is_dir():
         raise MotionError(f"result folder '{folder}' does not exist: run mjmotion adapt first")
     lacking = [name for name in _NEEDED if not (folder / name).is_file()]
