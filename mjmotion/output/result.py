@@ -299,7 +299,7 @@ def write_motions(folder: str | Path, result: Result) -> None:
         if result.body is not None:
             result.body.save(folder / BODY)
     except OSError as error:
-        raise OutputError(f"cannot write into '{folder}': {error.strerror or error}") from error
+        raise OutputError(f"cannot write the result: {error.strerror or error}") from error
     spec = result.motion.character.spec.copy()
     for key in list(spec.keys):
         spec.delete(key)
