@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import os
 import random
 import signal
@@ -25,24 +24,35 @@ from pathlib import Path
 
 import numpy as np
 
+from mjmotion.apps.session import load_session
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.output.reading import read_results
 from mjmotion.output.video import ensure_gl
 
 FRAMES = 40
+PLACE = "s.autosave.mjsession"
 LATE = 1.15  # of the usual time, within which kills fall
 
-# Saves a session over and over, as the editor does after every edit.
+# What the editor does after every edit, over and over: one edit, then two, then one.
 AUTOSAVE = """
 import sys
-from mjmotion.apps.session.file import save_session
-from mjmotion.apps.session.session import EditSession
+from pathlib import Path
+from mjmotion.apps.session import Drag, EditSession
+from mjmotion.editor.autosave import Autosave
 from mjmotion.output.reading import read_motion
 clip = read_motion(sys.argv[1]).motion
+autosave = Autosave(Path(sys.argv[2]))
 session = EditSession(clip, None, name=sys.argv[1], character="humanoid")
-for _ in range(300):
-    save_session(sys.argv[2], session)
+x, y, z = (float(one) for one in clip.qpos[9, :3])
+drags = [Drag("left_hand", 9, (x + 0.2, y + 0.3, z + by)) for by in (0.1, 0.2)]
+session.do(drags[0])
+other = EditSession(clip, None, name=sys.argv[1], character="humanoid")
+other.restore(session.state)
+other.do(drags[1])
+for _ in range(400):
+    autosave.keep(other)
+    autosave.keep(session)
 """
 
 
@@ -99,9 +109,7 @@ def made(folder: Path) -> dict[str, Job]:
             "t.xml",
             whole_scene,
         ),
-        "autosave": Job(
-            [sys.executable, "-c", AUTOSAVE, walk, "s.mjsession"], "s.mjsession", whole_json
-        ),
+        "autosave": Job([sys.executable, "-c", AUTOSAVE, walk, PLACE], PLACE, whole_session),
         "validate": Job([*program, "validate", "out"], "out", whole_result),
     }
     try:
@@ -114,6 +122,8 @@ def made(folder: Path) -> dict[str, Job]:
     if subprocess.run([*program, "batch", "--help"], capture_output=True).returncode == 0:
         words = [*program, "batch", walk, "--scene", "flat", "--force", "--out", "out"]
         jobs["batch"] = Job(words, "out", lambda place: [*place.iterdir()])
+    else:
+        print("batch: left out, there is no such command")
     return jobs
 
 
@@ -196,8 +206,8 @@ def whole_scene(place: Path) -> None:
     assert np.isfinite(model.hfield_data).all()
 
 
-def whole_json(place: Path) -> None:
-    assert json.loads(place.read_text("utf-8"))["format"]
+def whole_session(place: Path) -> None:
+    assert len(load_session(place).edits) in (1, 2)
 
 
 def whole_video(place: Path) -> None:

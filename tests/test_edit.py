@@ -377,7 +377,10 @@ def test_only_what_the_clip_breaks_by_itself_is_not_judged(
         (("--site", "pelvis", "--by", 0, 0, -0.1, "--frame", 400), "0 to 90"),
         (("--site", "plevis", "--by", 0, 0, -0.1, "--frame", 4), "pelvis"),
         (("--site", "pelvis", "--frame", 4), "--by"),
-        (("--site", "pelvis", "--by", 0, 0, 1, "--to", 0, 0, 1, "--frame", 4), "1 sites and 2"),
+        (
+            ("--site", "pelvis", "--by", 0, 0, 1, "--to", 0, 0, 1, "--frame", 4),
+            "--site is given 1 times, --by or --to 2",
+        ),
         (("--site", "pelvis", "--by", 0, 0, "x", "--frame", 4), "'x'"),
         (("--site", "pelvis", "--by", 0, 0, 1, "--frame", -4), "-4"),
         (("--site", "pelvis", "--by", 0, 0, 1, "--frame", 4, "--levels", 0), "'0'"),

@@ -152,7 +152,7 @@ def test_a_folder_without_a_report_has_figures_but_no_fit(tmp_path: Path) -> Non
         ("model.xml", None),
         ("model.xml", "<mujoco>"),
         ("motion.npz", None),
-        ("motion.npz", "not a zip"),
+        ("motion.npz", "no .npz archive"),
         ("contacts.json", "[{"),
         ("report.json", "{"),
         ("report.json", "[1, 2]"),

@@ -366,6 +366,7 @@ def first_edit(**fields: Any) -> Callable[[dict[str, Any]], None]:
         (first_edit(position=["a", 0, 0]), "edit 0"),
         (first_edit(position=[float("1e300"), 0, 0]), "at most 10,000"),
         (first_edit(enabled="yes"), "true or false"),
+        (first_edit(frame=float("inf")), "holds Infinity"),
         (first_edit(kind=[1]), "unknown kind 'a list'"),
         (first_edit(position=["1", "2", "3"]), "position is '1'"),
         (first_edit(colour="red"), "unknown key 'colour'"),

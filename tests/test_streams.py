@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import command_line
 import pytest
 
 from mjmotion.cli import info, main
 from mjmotion.cli.written import Written
+from mjmotion.constraints.unmet import Unmet
 
 ROOT = Path(__file__).parents[1]
 
@@ -45,6 +48,9 @@ def test_any_encoding(encoding: str, tmp_path: Path) -> None:
         ("mjmotion info nothing >&- 2>&-", 2),
         ("mjmotion info walk > /dev/full", 2),
         ("mjmotion info nothing 2> /dev/full", 2),
+        ("mjmotion adapt --help > /dev/full", 2),
+        ("mjmotion --version > /dev/full", 2),
+        ("mjmotion --version >&-", 0),
         ("mjmotion info walk | head -c 1 > /dev/null; exit ${PIPESTATUS[0]}", 0),
     ],
 )
@@ -116,3 +122,79 @@ def test_warnings_are_notes_and_no_log_file_is_left(
     assert lines and all(line.startswith("mjmotion: note: ") for line in lines)
     assert any("MuJoCo" in line for line in lines) and any("overflow" in line for line in lines)
     assert not list(tmp_path.iterdir())
+
+
+def test_ctrl_c_while_c_is_imported_is_no_fault(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """NumPy and others, interrupted as they are imported, raise an ImportError of it."""
+
+    def interrupted(args: argparse.Namespace) -> int:
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(1.0)
+        except KeyboardInterrupt:
+            raise ImportError("initialization failed") from None
+        return 0
+
+    before = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(info, "run", interrupted)
+    assert main.main(["info", "walk"]) == 130
+    assert capsys.readouterr().err == "mjmotion: interrupted, nothing was written\n"
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_what_c_writes_to_stderr_is_a_note(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def writes(args: argparse.Namespace) -> int:
+        os.write(2, b"QH6154 \x1b[31m flat\n\nQH6154 \x1b[31m flat\n")
+        print("own", file=sys.stderr)
+        return 0
+
+    monkeypatch.setattr(info, "run", writes)
+    assert main.main(["info", "walk"]) == 0
+    assert capfd.readouterr().err == "own\nmjmotion: note: QH6154 \\x1b[31m flat\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("adapt walk --scene flat --no-video --out .", "other files than results"),
+        ("adapt walk --scene flat --no-video --out circle", "nowhere"),
+        ("adapt walk --scene flat --no-video --out file/x", "file' is a file, not a folder"),
+        ("adapt walk --scene folder --no-video --out o", "'folder' is a folder"),
+        ("adapt walk --scene flat --no-video --out o --mapping m.yaml", "leave --mapping"),
+        ("adapt walk --scene flat --no-video --out o --loop 2", "leave --loop"),
+        ("adapt walk --scene flat --no-video --out o --loop 3000000", "from 1 to 1,000,000"),
+        ("validate .", "is not a result"),
+        ("validate file", "'file' is a file: give the folder of a result"),
+        ("render file --out .", "needs --model"),
+        ("edit-frame walk --frame 3 --site pelvis --by 0 0 1e9 --out o", "beyond 10,000"),
+        ("edit-frame walk --frame 3 --site pelvis --out o", "--by or --to 0"),
+        ("transition walk climb --out o --no-video", "use left_heel, left_toe"),
+        ("info nothing.csv", "file 'nothing.csv' does not exist"),
+    ],
+)
+def test_words_tell_what_is_at_fault(
+    line: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "circle").symlink_to("circle")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("x", "utf-8")
+    before = sorted(tmp_path.iterdir())
+    done = command_line.run(*line.split())
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and said in done.stderr, done
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_wrong_mujoco_gl_is_no_fault_of_ours(tmp_path: Path) -> None:
+    done = shell("mjmotion info walk", tmp_path, MUJOCO_GL="foo")
+    assert done.returncode == 2 and done.stderr.count(b"\n") == 1
+    assert b"MUJOCO_GL" in done.stderr and b"fault" not in done.stderr
+
+
+def test_far_residuals_are_told_in_metres() -> None:
+    assert str(Unmet("position of x", (3,), 8.25)).endswith("off by 8.2 mm")
+    assert str(Unmet("position of x", (3,), 15072.5)).endswith("off by 15.1 m")

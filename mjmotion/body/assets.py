@@ -56,6 +56,8 @@ def find_asset(kind: str, name: str | Path) -> Path:
         ours = asset_folder(kind) / f"{name}{_SUFFIX[kind]}"
         if ours.is_file():
             return ours
+        if path.is_dir():
+            raise _ERRORS[kind](f"{kind} file '{path}' is a folder: give {_WHAT[kind]} of it")
         raise _ERRORS[kind](unknown_name(kind, str(name), asset_names(kind)))
     check_plain(path, f"{kind} file", _ERRORS[kind])
     return path

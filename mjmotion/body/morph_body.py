@@ -29,6 +29,7 @@ from mjmotion.body.bones import Bones
 from mjmotion.body.morph_topology import Correspondence, check_same_topology, correspondence
 from mjmotion.boundary.arrays import read_archive
 from mjmotion.boundary.limits import real_array
+from mjmotion.boundary.whole import whole_file
 from mjmotion.exceptions import ModelError, MotionError
 from mjmotion.numerics.rotations import conjugate, dot, multiply, normalized, rotate
 from mjmotion.numerics.smoothing import ease
@@ -172,7 +173,7 @@ class MorphBody:
             name: values.astype(np.float32) if name.startswith("mesh") else values
             for name, values in self.fields.items()
         }
-        with Path(path).open("wb") as file:
+        with whole_file(path) as aside, aside.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **fields)
 
     @classmethod

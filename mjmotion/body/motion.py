@@ -36,6 +36,7 @@ from mjmotion.boundary.limits import (
     real_array,
     real_number,
 )
+from mjmotion.boundary.whole import whole_file
 from mjmotion.exceptions import ClipError, ModelError, MotionError, frame_list
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 
@@ -203,9 +204,9 @@ class Motion:
         return Motion(other, self.qpos, self.fps, self.recording)
 
     def save(self, path: str | Path) -> None:
-        """Write the motion file (.npz): ``qpos``, ``fps``, ``joint_names``, and the bones."""
+        """Write the motion file (.npz): ``qpos``, ``fps``, ``joint_names``, bones; whole or not."""
         bones = bone_offsets(self.model)
-        with Path(path).open("wb") as file:
+        with whole_file(path) as aside, aside.open("wb") as file:
             np.savez_compressed(
                 file,
                 qpos=self.qpos,

@@ -99,11 +99,15 @@ def read_array(path: str | Path) -> NDArray[Any]:
 def _archive(path: str | Path) -> zipfile.ZipFile:
     """Open an archive whose list of members is of a size that can be read."""
     size = check_plain(path, "archive")
+    if not size:
+        raise ValueError("it is empty")
     with Path(path).open("rb") as file:
         file.seek(-min(size, _TAIL), io.SEEK_END)
         tail = file.read()
     at = tail.rfind(b"PK\5\6")
-    if at >= 0 and len(tail) >= at + 16:
+    if at < 0:
+        raise ValueError("it is no .npz archive, or cut off")
+    if len(tail) >= at + 16:
         (directory,) = struct.unpack_from("<I", tail, at + 12)
         if directory > MOST_DIRECTORY or tail[:at].rfind(b"PK\6\7") >= 0:
             raise ValueError("it holds far more files than a motion has arrays")

@@ -7,6 +7,7 @@ and the values that aliases stand for are counted before anything is built.
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any, NoReturn
@@ -75,13 +76,25 @@ def parse_json(text: str | bytes, name: str, error: type[MotionError] = MotionEr
     def constant(word: str) -> NoReturn:
         raise error(f"{name} holds {word}: numbers must be finite")
 
+    def real(word: str) -> float:
+        number = float(word)
+        if math.isinf(number):  # written in digits, such as 1e400
+            raise error(f"{name} holds {word[: MOST_DIGITS // 8]}: numbers must be finite")
+        return number
+
     def whole(word: str) -> int:
         if len(word) > MOST_DIGITS:
             raise error(f"{name} holds a number of {len(word)} digits: {MOST_DIGITS} at most")
         return int(word)
 
     try:
-        return json.loads(text, object_pairs_hook=pairs, parse_constant=constant, parse_int=whole)
+        return json.loads(
+            text,
+            object_pairs_hook=pairs,
+            parse_constant=constant,
+            parse_int=whole,
+            parse_float=real,
+        )
     except RecursionError:
         raise error(f"{name} has lists within lists, far too deep") from None
     except ValueError as fault:

@@ -61,6 +61,9 @@ def whole_file(path: str | Path, ending: str = "") -> Iterator[Path]:
       OSError: it cannot be written.
     """
     path = Path(path)
+    if path.is_symlink():  # what it leads to is written, and the link stays
+        with contextlib.suppress(OSError, RuntimeError):
+            path = path.resolve()
     tidy(path)
     aside = name_aside(path, ending)
     try:

@@ -91,7 +91,8 @@ def millimetres(text: str) -> float:
 def count(text: str) -> int:
     """Return a whole number above 0."""
     if not (text.isdecimal() and len(text) <= 10 and 0 < int(text) <= MOST_COUNT):
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number above 0")
+        most = f"{MOST_COUNT:,}"
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from 1 to {most}")
     return int(text)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mjmotion.body.motion import Motion
+from mjmotion.boundary.whole import write_whole
 from mjmotion.cli.describe import describe_motion
 from mjmotion.clips import Clip
 from mjmotion.clips.in_place import going
@@ -104,10 +105,9 @@ def tree_lines(clip: Clip, roles: FoundRoles) -> list[str]:
 def _write(path: Path, clip: Clip, roles: FoundRoles) -> None:
     """Write what was found as a mapping file."""
     text = mapping_text(Path(clip.name).name, clip.joint_names, roles.joints, roles.reasons)
+    if path.exists():
+        raise OutputError(f"'{path}' is there already: give another name")
     try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise OutputError(f"'{path}' is there already: give another name") from None
+        write_whole(path, text)
     except OSError as error:
         raise OutputError(f"'{path}' cannot be written: {error.strerror}") from None

@@ -14,7 +14,7 @@ from mjmotion.cli.arguments import (
     add_reading,
     add_thresholds,
     frame,
-    number,
+    real,
 )
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
             f"--{name}",
             action=_Move,
             nargs=3,
-            type=number,
+            type=real,
             metavar=("X", "Y", "Z"),
             help=text,
             default=argparse.SUPPRESS,
@@ -136,8 +136,8 @@ def run(args: argparse.Namespace) -> int:
     kinds = {kind for kind, _ in args.moves}
     if len(kinds) != 1 or len(args.moves) != len(args.site):
         raise ConstraintError(
-            f"{len(args.site)} sites and {len(args.moves)} moves: give a --by for every --site, or"
-            " a --to for every --site"
+            f"--site is given {len(args.site)} times, --by or --to {len(args.moves)}: give a --by"
+            " for every --site, or a --to for every --site"
         )
     thresholds = prepare(args)
     with Bar() as bar, result_folder(args.out, args.force) as folder:

@@ -22,7 +22,7 @@ import traceback
 from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 from mjmotion import __version__
@@ -63,6 +63,18 @@ class _Parser(argparse.ArgumentParser):
         # Examples stay on one line, to be copied.
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
 
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """Say a help page or version; where stdout takes nothing, say that."""
+        try:
+            (file or sys.stderr).write(message)
+            (file or sys.stderr).flush()
+        except BrokenPipeError:
+            _drop_stdout()
+        except OSError as error:
+            _drop_stdout()
+            _say(f"error: cannot write: {error.strerror}")
+            sys.exit(BAD_INPUT)
+
     def error(self, message: str) -> NoReturn:
         said = one_line(message)
         said = said if len(said) <= _LONGEST else said[:_LONGEST] + "…"
@@ -83,6 +95,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     # A kill must clean up what is half done, as Ctrl-C does: raise instead of dying on the spot.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     written = Written(args)
+    with _interrupts() as interrupts:
+        code = _run(args, written, interrupts)
+        if argv is None:  # all is written and said: nothing is left to be interrupted
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return code
+
+
+def _run(args: argparse.Namespace, written: Written, interrupts: list[int]) -> int:
+    """Run a command and say how it ended; return the exit code."""
     try:
         with _told():
             code: int = _module(args.command).run(args)
@@ -108,7 +129,30 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The last catch: what no reader foresaw is told as what it is, and never as exit code 1.
         if args.debug:
             traceback.print_exc()
+        if interrupts:  # modules in C that are being imported make an ImportError of Ctrl-C
+            _say(f"interrupted, {written.said()}")
+            return INTERRUPTED
         return _last(error, written)
+
+
+@contextlib.contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """Note what is interrupted, which otherwise goes on as Python does it."""
+    noted: list[int] = []
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield noted  # someone else's, or ignored
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        noted.append(number)
+        signal.default_int_handler(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield noted
+    finally:
+        if signal.getsignal(signal.SIGINT) is note:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _last(error: Exception, written: Written) -> int:
@@ -116,6 +160,9 @@ def _last(error: Exception, written: Written) -> int:
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
         _drop_stdout()  # a full disk or terminal is no fault of ours
         _say(f"error: cannot write: {error.strerror}, {written.said()}")
+        return BAD_INPUT
+    if "MUJOCO_GL" in str(error):  # MuJoCo's own words, as it is imported
+        _say("error: the environment variable MUJOCO_GL is none of egl, osmesa and glfw: unset it")
         return BAD_INPUT
     what = f"{type(error).__name__}: {first_line(error)}"
     _say(f"a fault of mjmotion, {written.said()}: please report it with what --debug shows: {what}")

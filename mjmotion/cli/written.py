@@ -24,7 +24,7 @@ class Written:
                 places += [
                     given,
                     *(given / file for file in _IN_FOLDERS),
-                    given.with_suffix(".mp4"),
+                    *([given.with_suffix(".mp4")] if given.name else []),
                 ]
         self._before = {place: _state(place) for place in dict.fromkeys(places)}
 

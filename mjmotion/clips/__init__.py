@@ -100,7 +100,9 @@ def map_recording(
         raise ClipError(unknown_name("floor", str(floor), FLOORS))
     clip = read_clip(path, fps=fps, asf=asf)
     rig = find_rig(clip, mapping)
-    return going(clip, character, rig, in_place=in_place, loop=loop, floor=floor)
+    return going(
+        clip, character, rig, in_place=in_place, loop=loop, floor=None if floor == "auto" else floor
+    )
 
 
 def _is_speed(value: object) -> bool:
@@ -150,9 +152,16 @@ def load_clip(
         how: dict[str, Any] = {"mapping": mapping, "fps": fps, "asf": asf}
         going_on: dict[str, Any] = {"in_place": in_place, "loop": loop, "floor": floor}
         return map_recording(path, character, **how, **going_on).motion
-    if asf is not None or in_place is not None or loop != 1 or floor != "auto":
-        raise ClipError(f"'{path}' is no recording: leave asf, in_place, loop and floor")
     suffix = path.suffix.lower()
+    if suffix in ("", ".npz", ".csv"):
+        _check_no_recording(
+            path,
+            mapping=mapping,
+            asf=asf,
+            in_place=in_place,
+            loop=loop,
+            floor=None if floor == "auto" else floor,
+        )
     if suffix == "" and not path.exists():
         names = builtin_clips()
         if str(path_or_name) not in names:
@@ -166,3 +175,15 @@ def load_clip(
     else:
         raise not_read(path, f"it is of no known kind: give one of {', '.join(SUFFIXES)}")
     return motion if fps is None else Motion(character, motion.qpos, fps)
+
+
+def _check_no_recording(path: Path, loop: int, **given: object) -> None:
+    """Refuse what is for recordings alone.
+
+    Raises:
+      ClipError: by the names of the command line.
+    """
+    meant = [name for name, value in given.items() if value is not None] + ["loop"] * (loop != 1)
+    if meant:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in meant)
+        raise ClipError(f"'{path}' is no recording on a skeleton of its own: leave {options}")

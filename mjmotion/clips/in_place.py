@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.character import Character, CharacterLike
+from mjmotion.boundary.limits import MOST_FRAMES, at_most
 from mjmotion.clips.dimensions import HumanoidDimensions
 from mjmotion.clips.mapping import Mapped, map_clip
 from mjmotion.clips.rig import Rig
@@ -157,6 +158,7 @@ def repeat(clip: Clip, rig: Rig, leg_length: float, count: int) -> Clip:
     """
     if count == 1:
         return clip
+    at_most(count * clip.nframe, MOST_FRAMES, f"frames of '{clip.name}', {count} times", ClipError)
     if count < 1 or clip.nframe < 4:
         raise ClipError(f"'{clip.name}': it cannot be repeated {count} times")
     up = make_upright(clip, rig, leg_length).to_z_up[2]  # in the file's axes

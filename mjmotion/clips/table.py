@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mjmotion.body.character import Character, CharacterLike
 from mjmotion.body.motion import Motion, toe_joints
 from mjmotion.boundary.limits import MOST_FRAMES, at_most
+from mjmotion.boundary.whole import whole_file
 from mjmotion.clips.skeleton import read_lines
 from mjmotion.exceptions import ClipError, frame_list
 
@@ -40,7 +41,7 @@ def write_csv(path: str | Path, motion: Motion) -> None:
     times = np.arange(motion.nframe)[:, None] / motion.fps
     header = ",".join(["time", *column_names(motion.model)])
     table = np.concatenate([times, motion.qpos], axis=1)
-    with Path(path).open("w", encoding="utf-8") as file:
+    with whole_file(path) as aside, aside.open("w", encoding="utf-8") as file:
         np.savetxt(file, table, fmt="%.9g", delimiter=",", header=header, comments="")
 
 

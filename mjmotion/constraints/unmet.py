@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 UNMET = 1e-3  # residual from which a position or a look-at counts as not met [m]
+_FAR = 1e4  # a residual from which it is told in metres [mm]
 UNTURNED = np.radians(0.5)  # the same of an orientation [rad]
 
 
@@ -56,11 +57,12 @@ class Unmet:
         return {**dataclasses.asdict(self), "frames": list(self.frames)}
 
     def __str__(self) -> str:
-        off = (
-            f"{self.residual_mm:.1f} mm"
-            if self.residual_mm is not None
-            else f"{self.residual_deg:.1f} degrees"
-        )
+        if self.residual_mm is None:
+            off = f"{self.residual_deg:.1f} degrees"
+        elif self.residual_mm < _FAR:
+            off = f"{self.residual_mm:.1f} mm"
+        else:
+            off = f"{self.residual_mm / 1000.0:.1f} m"
         return f"{self.constraint} at frames {frame_list(self.frames)}, off by {off}"
 
 

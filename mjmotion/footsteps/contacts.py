@@ -24,6 +24,7 @@ from mjmotion.body.kinematics import Kinematics, root_body, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.boundary.limits import MOST_FRAMES, shown, whole_number
 from mjmotion.boundary.structured import read_json
+from mjmotion.boundary.whole import write_whole
 from mjmotion.exceptions import ContactError, MotionError, wrong_type
 from mjmotion.footsteps.raised import not_raised
 
@@ -395,7 +396,7 @@ def load_contacts(path: str | Path, model: mujoco.MjModel, nframe: int) -> tuple
 def save_contacts(path: str | Path, contacts: Iterable[Contact]) -> None:
     """Write a contacts file."""
     rows = [json.dumps(dataclasses.asdict(contact)) for contact in contacts]
-    Path(path).write_text("[\n  " + ",\n  ".join(rows) + "\n]\n" if rows else "[]\n", "utf-8")
+    write_whole(path, "[\n  " + ",\n  ".join(rows) + "\n]\n" if rows else "[]\n")
 
 
 def contact_mask(contacts: Iterable[Contact], site: str, nframe: int) -> NDArray[np.bool_]:

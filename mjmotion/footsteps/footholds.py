@@ -109,9 +109,8 @@ def find_stances(
     known = {f"{foot.side}_{part}" for foot in feet for part in ("heel", "toe")}
     for contact in contacts:
         if contact.site not in known:
-            raise ContactError(
-                f"contact site '{contact.site}' is not a heel or toe: use {sorted(known)}"
-            )
+            stand = ", ".join(sorted(known))
+            raise ContactError(f"contact site '{contact.site}' is no heel or toe: use {stand}")
     stances = []
     for index, foot in enumerate(feet):
         heel = contact_mask(contacts, f"{foot.side}_heel", motion.nframe)

@@ -113,9 +113,9 @@ def result_folder(out: str | Path, force: bool = False) -> Iterator[Path]:
             aside.mkdir()
             held.enter_context(locked(aside))
         except OSError as error:
-            raise OutputError(
-                f"cannot write to '{out}': {error.strerror}: give another --out"
-            ) from error
+            file = next((str(parent) for parent in out.parents if parent.is_file()), "")
+            why = f"'{file}' is a file, not a folder" if file else error.strerror
+            raise OutputError(f"cannot write to '{out}': {why}: give another --out") from error
         yield aside
         check_output(out, force)  # again: the work took a while
         _put_in_place(aside, out)

@@ -55,6 +55,8 @@ def read_results(folder: str | Path) -> Result:
       MotionError: the folder or a file of it is missing or damaged.
     """
     folder = Path(folder)
+    if folder.is_file():
+        raise MotionError(f"'{folder}' is a file: give the folder of a result")
     if not folder.is_dir():
         raise MotionError(f"result folder '{folder}' does not exist: run mjmotion adapt first")
     lacking = [name for name in _NEEDED if not (folder / name).is_file()]
@@ -203,7 +205,7 @@ def _read_report(path: Path) -> tuple[dict[str, Any], tuple[Unmet, ...]]:
         if not isinstance(report, dict):
             raise TypeError("not an object")
         for name in ("levels", "unmet"):
-            report[name] = [dict(entry) for entry in report.get(name) or ()]
+            report[name] = _entries(report.get(name) or [], name)
             at_most(len(report[name]), MOST_COUNT, name)
         for level in report["levels"]:
             for name in _OF_A_LEVEL:
@@ -213,13 +215,23 @@ def _read_report(path: Path) -> tuple[dict[str, Any], tuple[Unmet, ...]]:
                 real_number(report[name], name)
         if not isinstance(report.get("title") or "", str):
             raise TypeError(f"title is {shown(report['title'])}")
-        report["notes"] = [str(note) for note in report.get("notes") or ()]
+        notes = report.get("notes") or []
+        if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
+            raise TypeError(f"notes are {shown(notes)}, no list of text")
+        report["notes"] = notes
         unmet = tuple(_unmet(entry) for entry in report["unmet"])
     except KeyError as error:
         raise _no_report(path, f"it lacks {error}") from error
     except (ValueError, TypeError, MotionError) as error:
         raise _no_report(path, first_line(error)) from error
     return report, unmet
+
+
+def _entries(value: Any, name: str) -> list[dict[str, Any]]:
+    """Return copies of a list of objects."""
+    if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
+        raise TypeError(f"{name} is {shown(value)}, no list of objects")
+    return [dict(entry) for entry in value]
 
 
 def _no_report(path: Path, why: str) -> MotionError:
@@ -235,6 +247,8 @@ def _unmet(entry: dict[str, Any]) -> Unmet:
     words = entry["constraint"], entry.get("source", "scene")
     if not all(isinstance(word, str) for word in words) or not isinstance(entry["frames"], list):
         raise TypeError("an entry of unmet has no words for its constraint, or no list of frames")
+    if not entry["frames"] or (millimetres is None and degrees is None):
+        raise TypeError("an entry of unmet has no frames, or no residual")
     return Unmet(
         words[0],
         tuple(whole_number(frame, "a frame of unmet") for frame in entry["frames"]),

@@ -314,7 +314,7 @@ def write_motions(folder: str | Path, result: Result) -> None:
         if own.recording is not None:
             own.recording.save(folder / JOINTS)
     except OSError as error:
-        raise OutputError(f"cannot write into '{folder}': {error.strerror or error}") from error
+        raise OutputError(f"cannot write the result: {error.strerror or error}") from error
     spec = result.motion.character.spec.copy()
     for key in list(spec.keys):
         spec.delete(key)

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from mjmotion.boundary.structured import read_structured
 from mjmotion.boundary.words import harmless, one_line
+from mjmotion.clips import load_clip
 from mjmotion.exceptions import MotionError
 
 CASES = 270
@@ -132,3 +133,29 @@ def test_yaml_that_lies(text: str, said: str, tmp_path: Path) -> None:
         return
     with pytest.raises(MotionError, match=said):
         read_structured(path, "file")
+
+
+def test_a_loop_repeated_for_ever(tmp_path: Path) -> None:
+    path = tmp_path / "a.bvh"
+    path.write_text(readers.BVH, "utf-8")
+    with pytest.raises(MotionError, match="900000 times: 10,800,000"):
+        load_clip(path, loop=900_000)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is empty"),
+        ('{"fit_seconds": 1e400}', "holds 1e400"),
+        ('{"levels": 5}', "levels is 5, no list of objects"),
+        ('{"unmet": {"a": 1}}', "unmet is a mapping, no list of objects"),
+        ('{"notes": "abc"}', "notes are 'abc', no list of text"),
+        ('{"unmet": [{"constraint": "a", "frames": [], "residual_mm": 1}]}', "no frames"),
+        ('{"unmet": [{"constraint": "a", "frames": [1]}]}', "no residual"),
+    ],
+)
+def test_reports_that_lie(text: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "report.json"
+    path.write_text(text, "utf-8")
+    with pytest.raises(MotionError, match=said):
+        EVERY["report"].read(path)

@@ -167,7 +167,7 @@ def write_climb(
             text = json.dumps(content, indent=2, allow_nan=False)
             (folder / name).write_text(text + "\n", encoding="utf-8")
     except OSError as error:
-        raise OutputError(f"cannot write into '{folder}': {error.strerror or error}") from error
+        raise OutputError(f"cannot write the result: {error.strerror or error}") from error
     save_model(climb.motion.character.spec, folder, MODEL)
     save_model(climb.original.character.spec, folder, ORIGINAL_MODEL)
     if video:

@@ -218,7 +218,7 @@ def _made(kind: type[Any], entry: dict[str, Any], where: str) -> Any:
         if lacking:
             raise TypeError(f"it lacks {', '.join(lacking)}")
         return kind(**entry)
-    except (TypeError, ValueError, MotionError) as error:
+    except (TypeError, ValueError, OverflowError, MotionError) as error:
         raise SessionError(f"{where}: {error}") from error
 
 
