@@ -35,6 +35,8 @@ Array = rot.Array
 
 # How much the hinge axis learnt over the clip counts beside the bend plane of the frame itself.
 _AXIS_WEIGHT = 0.3
+# From the ankle to the ball of a foot, where a recording has neither a toe nor an end to it [m].
+_BALL = np.array((0.12, 0.0, -0.0682))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -287,7 +289,9 @@ def _foot(source: UprightClip, side: str) -> RecordedFoot:
         line = source.rest_position(role) - source.rest_position(f"{side}_ankle")
     else:
         name = source.rig.joints[f"{side}_ankle"]
-        end = source.clip.ends.get(name, source.to_z_up.T @ (0.15, 0.0, -0.05)) * source.scale
+        # Where nothing tells how long a foot is, it is as the humanoid's, in metres.
+        own = source.clip.ends.get(name)
+        end = source.to_z_up.T @ _BALL if own is None else own * source.scale
         ball, line = ankle + joint @ end, source.to_z_up @ end
     if source.facing is not None and np.linalg.norm(line) > 0.02:
         # Against the shank, not the vertical: rest poses stand with their legs apart.
