@@ -31,6 +31,8 @@ _REACH = 0.9985  # of the leg's length: a knee is never straighter than 6 degree
 _RISING = 0.05  # [rad] a foot pitched further has its heel off the ground
 _HEEL_DOWN = 0.04  # [m] a heel that is no higher, before flat stance, has struck
 _EVEN = 0.04  # [m] stances on flat ground differ by less
+_KNEE = 0.0515  # [m] height of a knee's joint that rests on the ground
+_KNEELING_SHARE = 10.0  # percentile of the heights of knees that tells where they rest
 _TILT = 0.04  # slope of a floor that was meant to be level
 _CLEAR = 0.004  # [m] how deep a sole may graze the ground in a swing
 _GIVE = 0.03  # [s] how far on either side it is felt that toes keep out of the ground
@@ -103,8 +105,12 @@ def _ground(
         if s.level
     ]
     if not rows:
-        lowest = min(float(foot.ankle[:, 2].min()) for foot in feet)
-        return np.array((lowest - sole, 0.0, 0.0)), True
+        lowest = min(float(foot.ankle[:, 2].min()) for foot in feet) - sole
+        knees = [foot.knee[foot.lying, 2] - _KNEE for foot in feet if foot.knee is not None]
+        lying = np.concatenate(knees) if knees else np.zeros(0)
+        if len(lying):  # of one who only kneels or crawls
+            lowest = float(np.percentile(lying, _KNEELING_SHARE))
+        return np.array((lowest, 0.0, 0.0)), True
     table = np.array(rows)
     height = table[:, 2]
     plane = np.array((float(np.median(height)), 0.0, 0.0))

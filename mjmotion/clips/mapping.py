@@ -304,7 +304,13 @@ def _foot(source: UprightClip, side: str) -> RecordedFoot:
     ball = ankle + np.einsum("nij,nkj,nk->ni", joint, noisy, ball - ankle)
     if toes is not None:
         toes = joint @ np.swapaxes(noisy, 1, 2) @ toes
-    return RecordedFoot.recorded(ankle, ball, joint, toes, normal, rest_pitch, source.clip.fps)
+    foot = RecordedFoot.recorded(ankle, ball, joint, toes, normal, rest_pitch, source.clip.fps)
+    foot = dataclasses.replace(foot, knee=knee)
+    if foot.lying.all() and source.facing is not None:
+        # No frame shows how it stands: as at rest.
+        quat = rot.from_matrix(joint @ source.to_z_up.T @ source.facing)
+        foot = dataclasses.replace(foot, quat=quat)
+    return foot
 
 
 def _hip_shift(

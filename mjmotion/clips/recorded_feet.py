@@ -16,6 +16,7 @@ STILL = 0.2  # [m/s] a point that stands is slower
 _MOVING = 0.4  # [m/s] a point that stood and is faster has left the ground
 _NEAR_FLAT = np.radians(10)  # pitch of a foot that may well be flat
 TOE_TIME = 0.04  # [s] toes are told by one marker, whose noise shakes them: averaged over this
+_LYING = 0.35  # upward part of a shank less than which it lies: about 20 degrees
 _LEVEL = np.radians(10)  # a still foot steeper than this stands on a rung or an edge
 
 
@@ -31,6 +32,7 @@ class RecordedFoot:
       bend: (nframe,) how far the recorded toes are bent up from where they are as the foot stands
         flat [rad]; 0 in a recording without toes.
       standing: (nframe,) when the ball stands, where that is known.
+      knee: (nframe, 3) the recorded knee [m]; None where it is not told.
     """
 
     ankle: Array
@@ -39,6 +41,15 @@ class RecordedFoot:
     normal: Array
     bend: Array
     standing: NDArray[np.bool_]
+    knee: Array | None = None
+
+    @property
+    def lying(self) -> NDArray[np.bool_]:
+        """When the shank lies (nframe,), as that of one who kneels: such a foot does not stand."""
+        if self.knee is None:
+            return np.zeros(len(self.ankle), dtype=bool)
+        shank = self.knee - self.ankle
+        return np.asarray(shank[:, 2] < _LYING * np.linalg.norm(shank, axis=1))
 
     @classmethod
     def recorded(
@@ -99,11 +110,15 @@ class RecordedFoot:
             ball=rot.rotate(turn, self.ball - start),
             quat=rot.multiply(np.broadcast_to(turn, self.quat.shape), self.quat),
             normal=rot.rotate(turn, self.normal),
+            knee=None if self.knee is None else rot.rotate(turn, self.knee - start),
         )
 
     def moved_by(self, shift: Array) -> RecordedFoot:
         """Return the foot moved by ``shift`` (nframe, 3) [m]."""
-        return dataclasses.replace(self, ankle=self.ankle + shift, ball=self.ball + shift)
+        knee = None if self.knee is None else self.knee + shift
+        return dataclasses.replace(
+            self, ankle=self.ankle + shift, ball=self.ball + shift, knee=knee
+        )
 
     def lowered(self, height: Array) -> RecordedFoot:
         """Return the foot ``height`` (nframe,) [m] lower."""
@@ -150,7 +165,7 @@ def find_stances(foot: RecordedFoot, sole: float, fps: float) -> list[RecordedSt
       sole: height of the ankle over the sole [m].
       fps: frames a second.
     """
-    speed = speed_of(foot.ball, fps)
+    speed = np.where(foot.lying, np.inf, speed_of(foot.ball, fps))
     ankle = speed_of(foot.ankle, fps)
     tilt = np.arccos(np.clip(rot.rotate(foot.quat, UP)[:, 2], -1, 1))
     stances, on_toes = [], []
