@@ -33,10 +33,8 @@ from mjmotion.numerics.smoothing import cover
 
 Array = rot.Array
 
-# How much the hinge axis learnt over the clip counts beside the bend plane of the frame itself.
-_AXIS_WEIGHT = 0.3
-# From the ankle to the ball of a foot, where a recording has neither a toe nor an end to it [m].
-_BALL = np.array((0.12, 0.0, -0.0682))
+_AXIS_WEIGHT = 0.3  # of the hinge axis learnt over the clip, beside the frame's own bend plane
+_BALL = np.array((0.12, 0.0, -0.0682))  # of a foot that has neither toe nor end, from its ankle [m]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -289,9 +287,7 @@ def _foot(source: UprightClip, side: str) -> RecordedFoot:
         line = source.rest_position(role) - source.rest_position(f"{side}_ankle")
     else:
         name = source.rig.joints[f"{side}_ankle"]
-        # Where nothing tells how long a foot is, it is as the humanoid's, in metres.
-        own = source.clip.ends.get(name)
-        end = source.to_z_up.T @ _BALL if own is None else own * source.scale
+        end = source.clip.ends.get(name, source.to_z_up.T @ _BALL / source.scale) * source.scale
         ball, line = ankle + joint @ end, source.to_z_up @ end
     if source.facing is not None and np.linalg.norm(line) > 0.02:
         # Against the shank, not the vertical: rest poses stand with their legs apart.
@@ -305,12 +301,8 @@ def _foot(source: UprightClip, side: str) -> RecordedFoot:
     if toes is not None:
         toes = joint @ np.swapaxes(noisy, 1, 2) @ toes
     foot = RecordedFoot.recorded(ankle, ball, joint, toes, normal, rest_pitch, source.clip.fps)
-    foot = dataclasses.replace(foot, knee=knee)
-    if foot.lying.all() and source.facing is not None:
-        # No frame shows how it stands: as at rest.
-        quat = rot.from_matrix(joint @ source.to_z_up.T @ source.facing)
-        foot = dataclasses.replace(foot, quat=quat)
-    return foot
+    standing = None if source.facing is None else joint @ source.to_z_up.T @ source.facing
+    return foot.with_knee(knee, standing)
 
 
 def _hip_shift(

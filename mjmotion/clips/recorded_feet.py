@@ -102,6 +102,17 @@ class RecordedFoot:
         none = np.zeros(len(ankle), dtype=bool)
         return cls(ankle, ball, rot.from_matrix(foot), normal, bend, none)
 
+    def with_knee(self, knee: Array, standing: Array | None) -> RecordedFoot:
+        """Return the foot with its knee (nframe, 3) [m].
+
+        Where its shank lies in every frame, none shows how it stands: it is turned as its rest pose
+        says, ``standing`` (nframe, 3, 3), if that is known.
+        """
+        foot = dataclasses.replace(self, knee=knee)
+        if standing is None or not foot.lying.all():
+            return foot
+        return dataclasses.replace(foot, quat=rot.from_matrix(standing))
+
     def moved(self, turn: Array, start: Array) -> RecordedFoot:
         """Return the foot after the clip moved by ``-start`` and was turned by ``turn``."""
         return dataclasses.replace(
