@@ -100,9 +100,7 @@ def map_recording(
         raise ClipError(unknown_name("floor", str(floor), FLOORS))
     clip = read_clip(path, fps=fps, asf=asf)
     rig = find_rig(clip, mapping)
-    return going(
-        clip, character, rig, in_place=in_place, loop=loop, floor=None if floor == "auto" else floor
-    )
+    return going(clip, character, rig, in_place=in_place, loop=loop, floor=floor)
 
 
 def _is_speed(value: object) -> bool:

@@ -23,6 +23,8 @@ FLOORS = ("auto", "level", "follow")
 """A floor as the feet say; level in any case; one that goes with the standing feet in any case."""
 
 EVEN = 0.04  # [m] stances on flat ground differ by less
+_KNEE = 0.0515  # [m] height of a knee's joint that rests on the ground
+_KNEELING_SHARE = 10.0  # percentile of the heights of knees that tells where they rest
 _TILT = 0.04  # slope of a floor that was meant to be level
 _SLOW = 0.25  # [Hz] what a floor drifts slower than
 _DRIFT = 0.015  # [m] one that goes up and down by less does not drift
@@ -81,8 +83,12 @@ def find_floor(
     nframe = len(feet[0].ankle)
     told = [(foot, s) for foot, group in zip(feet, stances, strict=True) for s in group if s.level]
     if not told:
-        lowest = min(float(foot.ankle[:, 2].min()) for foot in feet)
-        return Floor(np.full(nframe, lowest - sole), np.zeros(2), True)
+        lowest = min(float(foot.ankle[:, 2].min()) for foot in feet) - sole
+        knees = [foot.knee[foot.lying, 2] - _KNEE for foot in feet if foot.knee is not None]
+        lying = np.concatenate(knees) if knees else np.zeros(0)
+        if len(lying):  # of one who only kneels or crawls
+            lowest = float(np.percentile(lying, _KNEELING_SHARE))
+        return Floor(np.full(nframe, lowest), np.zeros(2), True)
     table = np.array([(*foot.ball[s.start : s.end, :2].mean(axis=0), s.height) for foot, s in told])
     plane, uneven = _plane(table, tilts=floor == "auto")
     still = Floor(np.full(nframe, plane[0]), plane[1:], uneven)

@@ -37,8 +37,8 @@ from mjmotion.numerics.smoothing import cover
 
 Array = rot.Array
 
-# How much the hinge axis learnt over the clip counts beside the bend plane of the frame itself.
-_AXIS_WEIGHT = 0.3
+_AXIS_WEIGHT = 0.3  # of the hinge axis learnt over the clip, beside the frame's own bend plane
+_BALL = np.array((0.12, 0.0, -0.0682))  # of a foot that has neither toe nor end, from its ankle [m]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -299,7 +299,7 @@ def _foot(source: UprightClip, side: str, recorded: UprightClip) -> RecordedFoot
         line = source.rest_position(role) - source.rest_position(f"{side}_ankle")
     else:
         name = source.rig.joints[f"{side}_ankle"]
-        end = source.clip.ends.get(name, source.to_z_up.T @ (0.15, 0.0, -0.05)) * source.scale
+        end = source.clip.ends.get(name, source.to_z_up.T @ _BALL / source.scale) * source.scale
         ball, line = ankle + joint @ end, source.to_z_up @ end
     if source.facing is not None and np.linalg.norm(line) > 0.02:
         # Against the shank, not the vertical: rest poses stand with their legs apart.
@@ -315,7 +315,9 @@ def _foot(source: UprightClip, side: str, recorded: UprightClip) -> RecordedFoot
     foot = RecordedFoot.recorded(ankle, ball, joint, toes, normal, rest_pitch, source.clip.fps)
     points = [f"{side}_{part}" for part in ("ankle", "toe") if recorded.has(f"{side}_{part}")]
     noises = [point_noise(recorded.position(role), source.clip.fps) for role in points]
-    return dataclasses.replace(foot, noise=max(noises))
+    foot = dataclasses.replace(foot, noise=max(noises))
+    standing = None if source.facing is None else joint @ source.to_z_up.T @ source.facing
+    return foot.with_knee(knee, standing)
 
 
 def _hip_shift(

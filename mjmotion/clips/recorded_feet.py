@@ -20,6 +20,7 @@ _NEAR_FLAT = np.radians(10)  # pitch of a foot that may well be flat
 TOE_TIME = 0.04  # [s] toes are told by one marker, whose noise shakes them: averaged over this
 RAISED = 0.035  # [m] a foot this far over the other that stands all the while is in the air
 _ALONE = 0.1  # share of a stance in which a foot that bears the body has it alone, at least
+_LYING = 0.35  # upward part of a shank less than which it lies: about 20 degrees
 _LEVEL = np.radians(10)  # a still foot steeper than this stands on a rung or an edge
 
 
@@ -36,6 +37,7 @@ class RecordedFoot:
         flat [rad]; 0 in a recording without toes.
       standing: (nframe,) when the ball stands, where that is known.
       noise: of its points as recorded, before anything was smoothed, about an axis [m].
+      knee: (nframe, 3) the recorded knee [m]; None where it is not told.
     """
 
     ankle: Array
@@ -45,6 +47,15 @@ class RecordedFoot:
     bend: Array
     standing: NDArray[np.bool_]
     noise: float = 0.0
+    knee: Array | None = None
+
+    @property
+    def lying(self) -> NDArray[np.bool_]:
+        """When the shank lies (nframe,), as that of one who kneels: such a foot does not stand."""
+        if self.knee is None:
+            return np.zeros(len(self.ankle), dtype=bool)
+        shank = self.knee - self.ankle
+        return np.asarray(shank[:, 2] < _LYING * np.linalg.norm(shank, axis=1))
 
     @classmethod
     def recorded(
@@ -97,6 +108,17 @@ class RecordedFoot:
         none = np.zeros(len(ankle), dtype=bool)
         return cls(ankle, ball, rot.from_matrix(foot), normal, bend, none)
 
+    def with_knee(self, knee: Array, standing: Array | None) -> RecordedFoot:
+        """Return the foot with its knee (nframe, 3) [m].
+
+        Where its shank lies in every frame, none shows how it stands: it is turned as its rest pose
+        says, ``standing`` (nframe, 3, 3), if that is known.
+        """
+        foot = dataclasses.replace(self, knee=knee)
+        if standing is None or not foot.lying.all():
+            return foot
+        return dataclasses.replace(foot, quat=rot.from_matrix(standing))
+
     def moved(self, turn: Array, start: Array) -> RecordedFoot:
         """Return the foot after the clip moved by ``-start`` and was turned by ``turn``."""
         return dataclasses.replace(
@@ -105,11 +127,15 @@ class RecordedFoot:
             ball=rot.rotate(turn, self.ball - start),
             quat=rot.multiply(np.broadcast_to(turn, self.quat.shape), self.quat),
             normal=rot.rotate(turn, self.normal),
+            knee=None if self.knee is None else rot.rotate(turn, self.knee - start),
         )
 
     def moved_by(self, shift: Array) -> RecordedFoot:
         """Return the foot moved by ``shift`` (nframe, 3) [m]."""
-        return dataclasses.replace(self, ankle=self.ankle + shift, ball=self.ball + shift)
+        knee = None if self.knee is None else self.knee + shift
+        return dataclasses.replace(
+            self, ankle=self.ankle + shift, ball=self.ball + shift, knee=knee
+        )
 
     def lowered(self, height: Array) -> RecordedFoot:
         """Return the foot ``height`` (nframe,) [m] lower."""
@@ -164,13 +190,13 @@ def find_stances(foot: RecordedFoot, sole: float, fps: float) -> list[RecordedSt
       fps: frames a second.
     """
     both = [at_rest(points, fps, foot.noise, STILL) for points in (foot.ball, foot.ankle)]
-    rests = both[0] & both[1]
+    rests = both[0] & both[1] & ~foot.lying
     tilt = np.arccos(np.clip(rot.rotate(foot.quat, UP)[:, 2], -1, 1))
     # As high as this over the ground the ball is when the foot stands flat.
     local = rot.rotate(rot.conjugate(foot.quat), foot.ball - foot.ankle)
     over = sole + float(np.median(local[:, 2]))
     stances = []
-    for start, end in stays(foot.ball, fps, foot.noise, STILL, _MOVING):
+    for start, end in _upright(stays(foot.ball, fps, foot.noise, STILL, _MOVING), foot.lying):
         frames = np.arange(start, end)
         if len(frames) < 0.06 * fps:
             continue
@@ -187,6 +213,15 @@ def find_stances(foot: RecordedFoot, sole: float, fps: float) -> list[RecordedSt
             height = float(np.median(foot.ankle[still, 2])) - sole
             stances.append(RecordedStance(start, end, still, False, height, ball))
     return stances
+
+
+def _upright(spans: Sequence[tuple[int, int]], lying: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return what is left of stays without the frames in which the shank lies."""
+    left = []
+    for start, end in spans:
+        edges = np.flatnonzero(np.diff(np.r_[True, lying[start:end], True].astype(int)))
+        left += [(start + int(a), start + int(b)) for a, b in edges.reshape(-1, 2)]
+    return left
 
 
 def without_raised(

@@ -14,6 +14,8 @@ from mjmotion.numerics import rotations as rot
 Array = rot.Array
 
 UP = np.array((0.0, 0.0, 1.0))
+_STANDS = 0.9  # part of the line from feet to shoulders along one axis, of a rest pose that stands
+_PRONE = 0.2  # the same of a clip that does not object to that axis
 _GLITCH = np.radians(8)  # a joint this far off its neighbouring frames has jumped
 
 
@@ -160,6 +162,16 @@ def _up_axis(clip: Clip, index: dict[str, int]) -> str:
     shoulders = clip.positions[:, [index["left_shoulder"], index["right_shoulder"]]].mean(axis=1)
     direction = np.median(rot.normalized(shoulders - ankles), axis=0)
     best = int(np.argmax(np.abs(direction)))
+    # Of one who crawls the rest pose tells it, where the clip does not object.
+    rest = clip.rest_positions
+    standing = rot.normalized(
+        rest[[index["left_shoulder"], index["right_shoulder"]]].mean(axis=0)
+        - rest[[index["left_ankle"], index["right_ankle"]]].mean(axis=0)
+    )
+    upright = int(np.argmax(np.abs(standing)))
+    if abs(standing[upright]) > _STANDS and direction[upright] * standing[upright] > _PRONE:
+        best = upright
+        return ("-" if standing[best] < 0 else "") + "xyz"[best]
     if abs(direction[best]) < 0.7 * np.linalg.norm(direction) or abs(direction[best]) < 0.3:
         raise ClipError(
             f"'{clip.name}': which way is up cannot be seen: give 'up:' in a mapping file"

@@ -19,7 +19,7 @@ from mjmotion.body.kinematics import root_body, site_positions
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ModelError
 from mjmotion.fitting import Trace
-from mjmotion.footsteps.contacts import Contact
+from mjmotion.footsteps.contacts import RESTS, Contact
 
 Array = NDArray[np.float64]
 
@@ -93,7 +93,10 @@ class Shown:
         return {
             model.site(i).name: i
             for i in range(model.nsite)
-            if model.body_rootid[model.site_bodyid[i]] == root and model.site(i).name
+            if model.body_rootid[model.site_bodyid[i]] == root
+            and model.site(i).name
+            # What only rests on the ground is no handle: it would lie upon another.
+            and not model.site(i).name.endswith(RESTS)
         }
 
     def sites_near(self, body: str) -> tuple[str, ...]:

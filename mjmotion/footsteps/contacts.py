@@ -36,7 +36,7 @@ _FLOOR_SPREAD = 0.015  # how far they must spread either way [m]
 _FLOOR_TILTED = 3.0  # how much nearer to a tilted plane than to a level one they must be
 _SUFFIXES = ("_heel", "_toe")
 _FLOOR_SHARE = 10.0  # percentile of the heights of what is lowest that is on a clip's floor
-_RESTS = ("_knee", "_palm", "seat")  # what else can rest on the ground
+RESTS = ("_knee", "_palm", "seat")  # what else can rest on the ground
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,12 +54,12 @@ class Contact:
     @property
     def stands(self) -> bool:
         """Whether it is a heel's, a toe's, a knee's, a palm's or a seat's: they stand on ground."""
-        return self.site.endswith(_SUFFIXES + _RESTS)
+        return self.site.endswith(_SUFFIXES + RESTS)
 
     @property
     def rests(self) -> bool:
         """Whether it is one of those and none of a foot's."""
-        return self.site.endswith(_RESTS)
+        return self.site.endswith(RESTS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -179,7 +179,7 @@ def _with_rests(
     """Return contacts with those of knees, palms and a seat, without feet whose knee rests."""
     model, fps = motion.model, motion.fps
     mine = np.flatnonzero(model.body_rootid[model.site_bodyid] == root_body(model))
-    ids = [int(site) for site in mine if model.site(int(site)).name.endswith(_RESTS)]
+    ids = [int(site) for site in mine if model.site(int(site)).name.endswith(RESTS)]
     # What is lowest is on the floor in most frames.
     floor = float(np.percentile(place[:, [*ids, *soles], 2].min(axis=1), _FLOOR_SHARE))
     ids = [site for site in ids if place[:, site, 2].min() - floor < settings.rest_low]

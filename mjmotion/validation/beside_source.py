@@ -127,7 +127,9 @@ class BesideSource:
         fps, sheet = self._motion.fps, self._sheet
         owner = model.site_bodyid[list(sites)]
         above = [owner == model.body_parentid[body] for body in owner]
-        kneels = np.stack([self._held[:, one].any(axis=1) for one in above], axis=1)
+        kneels = np.zeros_like(self._held)
+        for column, one in enumerate(above):
+            kneels[:, column] = self._held[:, one].any(axis=1)
         kept = kept_share(before.place, self._held, fps, owner, kneels)
         sheet.metrics["contact_kept_percent"] = kept
         flat = self._held & (own.normal[..., 2] >= _STEEP)
