@@ -21,7 +21,7 @@ from PIL import Image
 
 State = dict[str, Any]
 
-SIZE, LARGE = (900, 640), (1200, 800)  # of the window that is recorded, and of the still [pixel]
+SIZE, LARGE = (760, 600), (1200, 800)  # of the window that is recorded, and of the still [pixel]
 STATUS, RULER = (
     32,
     150,
@@ -29,7 +29,7 @@ STATUS, RULER = (
 QUALITY, STILL_QUALITY, PACE = 60, 88, 140  # of the recording; time of a picture [ms]
 PATIENCE = 120.0  # without a GPU the page draws slowly [s]
 MOST = 1.5e6  # bytes of the recording
-FRAME, AROUND = 145, 36  # the edited frame, and how far to either side is looked at
+CLIP, FRAME, AROUND = "walk", 90, 36  # the edited frame, and how far to either side is looked at
 FLAGS = (
     "--no-sandbox",
     "--use-gl=angle",
@@ -40,12 +40,12 @@ FLAGS = (
 
 
 def page() -> None:
-    """Serve the demo and write where its sites are on the page, a line of JSON at a time."""
+    """Serve the clip and write where its sites are on the page, a line of JSON at a time."""
     from mjmotion.editor import Intents, open_session
     from mjmotion.editor.files import Files
     from mjmotion.editor.server import LOOPBACK, serve
 
-    session, _ = open_session("demo")
+    session, _ = open_session(CLIP)
     do = Intents(session)
     last: State = {}
 
@@ -155,10 +155,10 @@ class Recorder:
 def record(recorder: Recorder) -> list[Image.Image]:
     """Go through it, and return the pictures of the recording, and that for the README."""
     recorder.resize(SIZE)
-    recorder.scrub(range(FRAME - AROUND, FRAME + 1, 9))
+    recorder.scrub(range(FRAME - AROUND, FRAME + 1, 12))
     recorder.drag("pelvis", (0.0, 24.0), 4)
-    recorder.drag("right_hand", (60.0, -80.0), 7)
-    recorder.scrub(range(FRAME - AROUND, FRAME + AROUND, 6))
+    recorder.drag("right_hand", (60.0, -80.0), 6)
+    recorder.scrub(range(FRAME - AROUND, FRAME + AROUND, 8))
     recorded = list(recorder.pictures)
     recorder.resize(LARGE)
     recorder.scrub([FRAME])
@@ -191,6 +191,7 @@ def main() -> None:
             with sync_playwright() as drive:
                 browser = drive.chromium.launch(executable_path=chromium, args=list(FLAGS))
                 tab = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
+                tab.set_default_timeout(1000.0 * PATIENCE)
                 recorder = Recorder(tab, server)
                 tab.goto(told["address"])
                 *pictures, still = record(recorder)
