@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,14 @@ def page() -> None:
     serve(do, Files(do, "out/lift"), port=0, host=LOOPBACK, started=started, observe=tell)
 
 
+def _is_near(frame: int, state: State) -> bool:
+    return abs(int(state["frame"]) - frame) <= 1
+
+
+def _went_on(previews: int, state: State) -> bool:
+    return int(state["previews"]) > previews
+
+
 class Recorder:
     """A tab on the page: what is done there, and a picture after every step.
 
@@ -120,8 +129,7 @@ class Recorder:
             if number == 0:
                 self.tab.wait_for_timeout(400)
                 self.tab.mouse.down()
-            near = frame
-            self.wait(lambda s, near=near: abs(s["frame"] - near) <= 1)
+            self.wait(partial(_is_near, frame))
             self.picture()
         self.tab.mouse.up()
         self.tab.wait_for_timeout(300)
@@ -138,7 +146,7 @@ class Recorder:
         for step in range(1, steps + 1):
             previews = self.state["previews"]
             self.tab.mouse.move(x + by[0] * step / steps, y + by[1] * step / steps)
-            self.wait(lambda s, seen=previews: s["previews"] > seen)
+            self.wait(partial(_went_on, previews))
             self.picture()
         self.tab.mouse.up()
         self.wait(lambda s: s["edits"] > edits and not s["doing"])
