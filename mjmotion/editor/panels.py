@@ -205,7 +205,7 @@ class Panels:
         if trace is not None:
             for level in trace.levels:
                 imgui.TextDisabled(
-                    f"level {level.level}: knot every {level.frames_per_knot:g}, before it off by"
+                    f"level {level.level}: knot every {level.frames_per_knot:g}, leaves"
                     f" {level.max_error_percent:.3f} %"
                 )
             imgui.TextDisabled(f"in the end off by {trace.exact_error_percent:.4f} % of height")
