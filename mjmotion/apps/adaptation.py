@@ -184,6 +184,7 @@ def fit_plan(
         plan.contacts,
         result.trace,
         find_unmet(result.motion, targets, wanted),
+        plan=plan if plan.stances else None,
         barred="" if barred is None else str(barred),
         recording=None if plan.original is None else plan.original.on(composed),
     )

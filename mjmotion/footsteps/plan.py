@@ -70,6 +70,7 @@ class Plan:
       original: the clip in its own time, of other frames, where steps take another; else None.
       loose: (nframe, 3) of each foot, where steps were moved: how much further it goes before its
         first stance and after its last [m].
+      detected: who stands when in the whole clip, in its own time.
     """
 
     source: Motion
@@ -83,6 +84,7 @@ class Plan:
     route: Route | None = None
     original: Motion | None = None
     loose: tuple[Array, ...] = ()
+    detected: tuple[Contact, ...] = ()
 
     def constraints(self) -> list[SiteConstraint]:
         """Both feet posed at every frame."""
@@ -137,7 +139,7 @@ def make_plan(
         if contacts is None
         else check_contacts(contacts, clip.model, clip.nframe)
     )
-    whole, way = recorded, given_way(scene, settings)
+    whole, detected, way = recorded, found, given_way(scene, settings)
     if way is not None:
         recorded = cut_to_way(recorded, way)
         found = tuple(
@@ -165,7 +167,9 @@ def make_plan(
         plan = _on_ground((source, source), found, spots, footholds, scene)
         original = None if whole is recorded else whole
         other = recorded if bent else None
-        return dataclasses.replace(plan, route=route, recorded=other, original=original)
+        return dataclasses.replace(
+            plan, route=route, recorded=other, original=original, detected=detected
+        )
     pace = find_pace(spots, footholds, source.nframe, clip.fps)
     if settings.pace == "keep":
         pace = Pace.none(source.nframe)
@@ -175,7 +179,7 @@ def make_plan(
     loose = loose_ends(spots, footholds, source.nframe)
     source = bend_along(source, spots, footholds, (turns, loose)).apply(source)
     plan = _on_ground((source, recorded), found, stances, footholds, scene, loose)
-    return dataclasses.replace(plan, route=route, original=original)
+    return dataclasses.replace(plan, route=route, original=original, detected=detected)
 
 
 def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
@@ -236,7 +240,9 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
     found = contacts_of(plan.stances, feet)
     clips = plan.source, plan.recorded or plan.source
     planned = _on_ground(clips, found, plan.stances, new, scene, plan.loose)
-    return dataclasses.replace(planned, route=plan.route, original=plan.original)
+    return dataclasses.replace(
+        planned, route=plan.route, original=plan.original, detected=plan.detected
+    )
 
 
 def _off_plane(old: Foothold, new: Foothold) -> float:
