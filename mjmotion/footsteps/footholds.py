@@ -305,7 +305,7 @@ def _fine(
     away = np.linalg.norm(shift, axis=1)
     spots = spot + rotate(stance.source_quat, shift)
     for margin in FINE_MARGINS:
-        placed = set_down(foot, ground, spots, stance.source_quat, margin)
+        placed = set_down(foot, ground, spots, stance.source_quat, margin, overhang=True)
         good = (placed.fault <= rough) & (np.abs(placed.position[:, 2] - spot[2]) < SAME_LEVEL)
         for other in others:
             good &= other.lack(placed) <= 0.0

@@ -24,7 +24,7 @@ from mjmotion.numerics.smoothing import follow
 
 Array = NDArray[np.float64]
 
-CLIMB = 1.5  # how much longer a step takes for each metre that it rises or falls [1/m]
+CLIMB = 1.0  # how much longer a step takes for each metre that it rises or falls [1/m]
 SHORT = 0.25  # how much shorter one takes that goes nowhere
 LEVEL = 0.1  # a step that rises more than this is not hurried for being short [m]
 LONG = 0.5  # how much longer one takes for each share of its length that it is longer

@@ -48,7 +48,13 @@ class Placed:
 
 
 def set_down(
-    foot: Foot, ground: Ground, spots: Array, yaw: Array, margin: float = EDGE_MARGIN
+    foot: Foot,
+    ground: Ground,
+    spots: Array,
+    yaw: Array,
+    margin: float = EDGE_MARGIN,
+    *,
+    overhang: bool = False,
 ) -> Placed:
     """Set a foot down at spots (n, 3): tilt it through the ground under heel, toe and sides.
 
@@ -58,6 +64,7 @@ def set_down(
       spots: of its posed site [m].
       yaw: (4,) how it is turned about the vertical.
       margin: how far inside an edge its sole keeps [m].
+      overhang: whether its toes may be over an edge.
     """
     more = 1.0 + margin / np.maximum(np.linalg.norm(foot.sole[2:, :2], axis=1), 0.03)
     probe = foot.sole[2:] * np.column_stack((more, more, np.ones(len(more))))
@@ -93,6 +100,10 @@ def set_down(
         * normal[:, None]
     ).sum(axis=-1) - foot.sole[0, 2]
     above -= under_toes(foot, np.concatenate((ends, probe)), above, len(probe))
+    if overhang:
+        hangs = foot.bends[2 : len(foot.sole)]
+        toes = above[:, -len(probe) :][:, hangs]
+        above[:, -len(probe) :][:, hangs] = np.where(toes < -STEP, 0.0, toes)
     step = above[:, 2:6] > STEP + np.abs(along[:, 2:]) * APPROACH
     crowded = step[:, :2].any(axis=1) + step.any(axis=1).astype(float)
     above = np.delete(above, (2, 3, 4, 5), axis=1)

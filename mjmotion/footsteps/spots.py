@@ -32,7 +32,8 @@ BESIDE = 0.09  # how far round a foot there should be room for its leg [m]
 HIGH = 0.22  # what rises more than this so near is in a leg's way [m]
 RISER = 0.02  # a rise that counts as one [m]
 AHEAD = 0.05  # how far before the toe and behind the heel no riser should be [m]
-EDGE_COST, RISER_COST, LEG_COST = 0.4, 0.15, 2.0
+TOES_UP = 0.03  # toes do not reach up on to what rises more [m]
+EDGE_COST, OVERHANG_COST, RISER_COST, LEG_COST = 0.4, 0.15, 0.15, 2.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -81,38 +82,43 @@ class Window:
           points: where, no nearer to the window's border than a foot reaches.
         """
         turn = np.array(((np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))))
-        parts = [
+        sole, toes, rim, ends, leg = (
             np.unique(np.rint(part @ turn.T / CELL).astype(np.int64), axis=0)
             for part in _outlines(foot)
-        ]
+        )
         width = self.heights.shape[1]
         column, row = self.cells(points)
         first = column * width + row
-        # Every sample that is asked for lies within: no index can run over.
-        sole, rim, ends, leg = (first[:, None] + part[:, 0] * width + part[:, 1] for part in parts)
+        # All samples that are asked for lie within: no index can run over.
         flat = self.heights.ravel()
-        under = flat[sole]
+
+        def places(part: Index) -> Index:
+            return np.asarray(first[:, None] + part[:, 0] * width + part[:, 1])
+
+        under = flat[places(sole)]
         stands = ~np.isnan(under).any(axis=1)
         if self.avoided.any():
-            stands &= ~self.avoided.ravel()[sole].any(axis=1)
+            stands &= ~self.avoided.ravel()[places(sole)].any(axis=1)
         under = np.where(stands[:, None], under, 0.0)
-        matrix = np.column_stack((CELL * parts[0], np.ones(len(parts[0]))))
+        matrix = np.column_stack((CELL * sole, np.ones(len(sole))))
         plane = under @ np.linalg.pinv(matrix).T
         off = np.abs(under - plane @ matrix.T).max(axis=1)
         cost = np.maximum(off - FLAT, 0.0) / UNEVEN
         cost = np.where(stands & (off < ROUGHEST), cost**2, np.inf)
         good = np.flatnonzero(np.isfinite(cost))  # the others need no further look
 
-        def over(places: Index, part: Index) -> Array:
+        def over(part: Index) -> Array:
             level = plane[good, :2] @ (CELL * part.T) + plane[good, 2:]
-            height = flat[places[good]]
+            height = flat[places(part)[good]]
             return np.asarray(np.where(np.isnan(height), np.inf, height - level))
 
-        edge = (np.abs(over(rim, parts[1])) > FLAT + RISER).any(axis=1)
-        riser = (over(ends, parts[2]) > RISER + FLAT).any(axis=1)
-        high = over(leg, parts[3])
-        high = ((high > HIGH) & np.isfinite(high)).any(axis=1)
-        cost[good] += EDGE_COST * edge + RISER_COST * riser + LEG_COST * high
+        ahead = over(toes)
+        cost[good] += np.where((ahead > TOES_UP).any(axis=1), np.inf, 0.0)
+        cost[good] += OVERHANG_COST * (ahead < -RISER - FLAT).mean(axis=1)
+        cost[good] += EDGE_COST * (np.abs(over(rim)) > FLAT + RISER).any(axis=1)
+        cost[good] += RISER_COST * (over(ends) > RISER + FLAT).sum(axis=1)
+        high = over(leg)
+        cost[good] += LEG_COST * ((high > HIGH) & np.isfinite(high)).any(axis=1)
         return Fit(plane[:, 2], cost)
 
 
@@ -162,19 +168,28 @@ class Spots:
         self._tiles.update(zip(new, zip(height, avoided, strict=True), strict=True))
 
 
-def _outlines(foot: Foot) -> tuple[Array, Array, Array, Array]:
-    """Return points (k, 2) in a foot's frame: its sole, its rim, before and behind it, around it."""
+def _outlines(foot: Foot) -> tuple[Array, Array, Array, Array, Array]:
+    """Return points (k, 2) in a foot's frame that are looked at.
+
+    Of its sole as far as the ball, of its toes, of the rim of the former, behind the heel and
+    before the toes, and all around.
+    """
     sole = foot.sole[:, :2]
+    bends = foot.bends[: len(sole)]
     ahead = foot.front[:2] - foot.heel[:2]
     ahead = ahead / np.linalg.norm(ahead)
-    middle = 0.5 * (foot.front + foot.heel)[:2]
-    # All samples must be looked at that are under the sole: its length in steps of a cell.
-    long = np.linspace(foot.heel[:2], foot.front[:2], 10)
-    half = 0.5 * float(np.ptp(sole @ np.array((-ahead[1], ahead[0]))))
-    out = np.concatenate((sole, long))
-    away = sole - middle
-    far = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), half)
-    rim = sole + EDGE * away / far
-    ends = np.stack([foot.heel[:2] - share * AHEAD * ahead for share in (0.5, 1.0)])
-    ends = np.concatenate((ends, [foot.front[:2] + share * AHEAD * ahead for share in (0.5, 1.0)]))
-    return out, rim, ends, sole + BESIDE * away / far
+    # Along the middle too, so that no sample is left out under it.
+    firm = np.concatenate((sole[~bends], np.linspace(foot.heel[:2], foot.toe[:2], 8)))
+    toes = np.concatenate((sole[bends], np.linspace(foot.toe[:2], foot.front[:2], 4)[1:]))
+    middle = 0.5 * (foot.toe + foot.heel)[:2]
+    away = firm - middle
+    far = np.linalg.norm(away, axis=1, keepdims=True)
+    rim = middle + away * (1.0 + EDGE / np.maximum(far, EDGE))
+    # A sample stands for half a cell to either side: what ends within that is the exact look's.
+    firm = middle + away * np.maximum(1.0 - 0.5 * CELL / np.maximum(far, CELL), 0.0)
+    toes = toes - 0.5 * CELL * ahead
+    shares = np.array((0.5, 1.0))[:, None]
+    ends = (foot.heel[:2] - shares * AHEAD * ahead, foot.front[:2] + shares * AHEAD * ahead)
+    whole = sole - 0.5 * (foot.front + foot.heel)[:2]
+    out = sole + BESIDE * whole / np.maximum(np.linalg.norm(whole, axis=1, keepdims=True), 0.03)
+    return firm, toes, rim, np.concatenate(ends), out

@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 TOES_UP, TOES_DOWN = 0.3, 0.15  # how far toes follow ground ahead of the ball [rad]
 TOE_SHARES = (0.4, 0.7, 1.0)  # of the way from the ball to the toes' outline that are looked at
 TOE_LEVER = 0.03  # least lever that this is reckoned with [m]
+EDGE = 0.06  # ground this far below toes is beyond an edge [m]
 LEVEL = 1e-3  # a slope that is none [rad]
 
 
@@ -36,6 +37,8 @@ def toes_on_ground(foot: Foot, ground: Ground, position: Array, quat: Array) -> 
     points = position + rotate(quat, local)
     height, _ = ground.under(points)
     up = np.where(np.isnan(height), -np.inf, height - points[:, 2])
+    if (up < -EDGE).all():
+        return 0.0  # over an edge toes lie on nothing
     lever = np.maximum((local - anchor) @ ahead, TOE_LEVER)
     slope = float(np.arctan2(up, lever).max())
     return float(np.clip(slope, -TOES_DOWN, TOES_UP)) if abs(slope) > LEVEL else 0.0
