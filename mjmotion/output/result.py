@@ -115,9 +115,8 @@ class Result:
           validation: the figures, if they were measured already.
           title: what the page is called; the result's own title without.
         """
-        from mjmotion.output.report import Report
-
         from mjmotion.output.plan_drawing import plan_svg
+        from mjmotion.output.report import Report
 
         fit: Mapping[str, Any] = self.saved_report
         if self.trace is not None:
