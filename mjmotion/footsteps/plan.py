@@ -132,68 +132,59 @@ def make_plan(
     """
     settings = PlanSettings() if settings is None else settings
     scene = scene.at_rest()  # what could move is an obstacle and ground like the rest
-    recorded = place(clip, scene)
-    feet = clip.character.feet
-    found = (
-        detect_contacts(recorded)
-        if contacts is None
-        else check_contacts(contacts, clip.model, clip.nframe)
-    )
-    whole, detected, way = recorded, found, given_way(scene, settings)
+    whole = recorded = place(clip, scene)
+    detected = found = _contacts(whole, contacts)
+    way = given_way(scene, settings)
     if way is not None:
-        recorded = cut_to_way(recorded, way)
-        found = tuple(
-            dataclasses.replace(one, end=min(one.end, recorded.nframe))
-            for one in found
-            if one.start < recorded.nframe
-        )
+        recorded, found = cut_to_way(whole, found, way)
+    # On its own way the recorded feet are still: bent, they slide a little where they stand.
+    keep = isinstance(settings.path, str) and settings.path == "keep"
+    route = find_route(
+        recorded, scene, given=way, keep=keep, climb=settings.climb, avoid=settings.avoid
+    )
+    source = route.bend.apply(recorded) if route.bent else recorded
+    spots, feet = _stances(source, found), clip.character.feet
+    ground = scene.ground_without(settings.avoid)
+    footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
+    if settings.footholds is not None:
+        footholds, turns = as_given(settings.footholds, spots, (footholds, turns), feet, ground)
+    pace, bent = Pace.none(source.nframe), source
+    loose: tuple[Array, ...] = ()
+    if turns is not None:
+        if settings.pace != "keep":
+            pace = find_pace(spots, footholds, source.nframe, clip.fps)
+        found, spots, source = pace.contacts(found), pace.stances(spots), pace.apply(source)
+        loose = loose_ends(spots, footholds, source.nframe)
+        bent = bend_along(source, spots, footholds, (turns, loose)).apply(source)
+    # A foot that is in the air at an end of the clip goes where that of the bent clip goes.
+    plan = _on_ground((bent, source), found, spots, footholds, scene, loose)
+    return dataclasses.replace(
+        plan,
+        route=route,
+        recorded=pace.apply(recorded) if route.bent or turns is not None else None,
+        original=None if pace.same and whole is recorded else whole,
+        detected=detected,
+    )
+
+
+def _contacts(clip: Motion, contacts: Sequence[Contact] | None) -> tuple[Contact, ...]:
+    """Return who stands when: what is given, or found in the clip."""
+    if contacts is None:
+        found = detect_contacts(clip)
+    else:
+        found = check_contacts(contacts, clip.model, clip.nframe)
     if not found:
         raise ContactError(
             "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
             " give them with a contacts file"
         )
-    # On its own way the recorded feet are still: bent, they slide a little where they stand.
-    route = _routed(recorded, scene, settings)
-    bent = route is not None and route.bent
-    source = route.bend.apply(recorded) if route is not None and bent else recorded
-    stances = _stances(recorded, found)
-    spots = _stances(source, found) if bent else stances
-    ground = scene.ground_without(settings.avoid)
-    footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
-    if settings.footholds is not None:
-        footholds, turns = as_given(settings.footholds, spots, (footholds, turns), feet, ground)
-    if turns is None:
-        # A foot that is in the air at an end of the clip goes where the bent clip's goes.
-        plan = _on_ground((source, source), found, spots, footholds, scene)
-        original = None if whole is recorded else whole
-        other = recorded if bent else None
-        return dataclasses.replace(
-            plan, route=route, recorded=other, original=original, detected=detected
-        )
-    pace = find_pace(spots, footholds, source.nframe, clip.fps)
-    if settings.pace == "keep":
-        pace = Pace.none(source.nframe)
-    original = None if pace.same and whole is recorded else whole
-    source, recorded = pace.apply(source), pace.apply(recorded)
-    found, stances, spots = pace.contacts(found), pace.stances(stances), pace.stances(spots)
-    loose = loose_ends(spots, footholds, source.nframe)
-    source = bend_along(source, spots, footholds, (turns, loose)).apply(source)
-    plan = _on_ground((source, recorded), found, stances, footholds, scene, loose)
-    return dataclasses.replace(plan, route=route, original=original, detected=detected)
+    return found
 
 
 def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
     """Return the stances of a clip where it is."""
     pose = Kinematics(clip.model, clip.nframe).forward(clip.qpos)
     return find_stances(clip, pose, clip.character.feet, contacts)
-
-
-def _routed(clip: Motion, scene: Scene, settings: PlanSettings) -> Route | None:
-    """Return where a clip goes; None where it keeps its own way."""
-    if isinstance(settings.path, str) and settings.path == "keep":
-        return None
-    given = given_way(scene, settings)
-    return find_route(clip, scene, given=given, climb=settings.climb, avoid=settings.avoid)
 
 
 def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid") -> Plan:
