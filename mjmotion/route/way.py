@@ -97,7 +97,7 @@ def find_route(
     own = line.spaced(FINE)
     # A body is as long as it is wide, about, and its last step goes on a little.
     ahead = line.spaced(FINE, LAST)
-    _, trunk = needed_widths(width, np.arange(len(ahead)) * FINE)
+    _, trunk = needed_widths(width, FINE * np.arange(len(ahead), dtype=np.float64))
     if given is not None:
         new = line_of_length(rounded(given), line.whole)
         around = np.concatenate((source.qpos[:1, :2], new))
@@ -108,7 +108,7 @@ def find_route(
     if keep or len(own) < 3 or space.lack(ahead, trunk).max() <= FREE:
         return _route(own, own, Bend.none(source.nframe), space, trunk)
     points = line.spaced(STEP, AHEAD)
-    lengths = np.arange(len(points)) * STEP
+    lengths = STEP * np.arange(len(points), dtype=np.float64)
     asked = Asked(points, *needed_widths(width, lengths), _sharpest(line, lengths))
     new = fit_line(find_way(asked, space), asked, space)
     count = min(len(new), len(trunk))
