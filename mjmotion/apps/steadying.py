@@ -54,7 +54,7 @@ def steadied(
     """
     if not plan.loose:
         return result
-    recorded = plan.recorded or plan.source
+    recorded = plan.still or plan.source
     planned = plan.source.qpos[:, :3] + plan.root_shift
     wanted = _mass(recorded) + planned - recorded.qpos[:, :3]
     levels = default_levels(plan.source.fps)[LEVELS_FROM:]

@@ -70,11 +70,13 @@ class Plan:
       obstacles: what to keep clear of.
       ground: the scene's surfaces.
       back: (nframe,) how far of the shift the hips stay back for the ankles uphill; None as 0 [m].
+      still: the clip along the same way as its feet are recorded, where steps were moved; else None.
       recorded: the clip on its own way, where that is another; else None.
       route: where the walk goes, and why; None where that was not looked for.
       original: the clip in its own time, of other frames, where steps take another; else None.
       loose: (nframe, 3) of each foot, where steps were moved: how much further it goes before its
         first stance and after its last [m].
+      detected: who stands when in the whole clip, in its own time.
       rests: knees, palms and the seat where they rest.
       knees: where knees go that are posed at every frame.
     """
@@ -88,10 +90,12 @@ class Plan:
     obstacles: tuple[Obstacle, ...]
     ground: Ground
     back: Array | None = None
+    still: Motion | None = None
     recorded: Motion | None = None
     route: Route | None = None
     original: Motion | None = None
     loose: tuple[Array, ...] = ()
+    detected: tuple[Contact, ...] = ()
     rests: tuple[Rest, ...] = ()
     knees: tuple[SiteConstraint, ...] = ()
 
@@ -140,67 +144,60 @@ def make_plan(
     """
     settings = PlanSettings() if settings is None else settings
     scene = scene.at_rest()  # what could move is an obstacle and ground like the rest
-    recorded = place(clip, scene)
-    feet = clip.character.feet
-    found = (
-        detect_contacts(recorded)
-        if contacts is None
-        else check_contacts(contacts, clip.model, clip.nframe)
-    )
-    whole, way = recorded, given_way(scene, settings)
+    whole = recorded = place(clip, scene)
+    detected = found = _contacts(whole, contacts)
+    way = given_way(scene, settings)
     if way is not None:
-        recorded = cut_to_way(recorded, way)
-        found = tuple(
-            dataclasses.replace(one, end=min(one.end, recorded.nframe))
-            for one in found
-            if one.start < recorded.nframe
-        )
+        recorded, found = cut_to_way(whole, found, way)
+    # On its own way the recorded feet are still: bent, they slide a little where they stand.
+    keep = isinstance(settings.path, str) and settings.path == "keep"
+    route = find_route(
+        recorded, scene, given=way, keep=keep, climb=settings.climb, avoid=settings.avoid
+    )
+    source = route.bend.apply(recorded) if route.bent else recorded
+    steps = tuple(one for one in found if not one.rests)
+    spots, feet = _stances(source, steps), clip.character.feet
+    ground = scene.ground_without(settings.avoid)
+    footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
+    if settings.footholds is not None:
+        footholds, turns = as_given(settings.footholds, spots, (footholds, turns), feet, ground)
+    pace, bent = Pace.none(source.nframe), source
+    loose: tuple[Array, ...] = ()
+    if turns is not None:
+        if settings.pace != "keep":
+            pace = find_pace(spots, footholds, source.nframe, clip.fps)
+        found, spots, source = pace.contacts(found), pace.stances(spots), pace.apply(source)
+        loose = loose_ends(spots, footholds, source.nframe)
+        bent = bend_along(source, spots, footholds, (turns, loose)).apply(source)
+    # A foot that is in the air at an end of the clip goes where that of the bent clip goes.
+    plan = _on_ground(_Walk(bent, source, found, spots, footholds, loose), scene)
+    return dataclasses.replace(
+        plan,
+        route=route,
+        recorded=pace.apply(recorded) if route.bent or turns is not None else None,
+        original=None if pace.same and whole is recorded else whole,
+        detected=detected,
+    )
+
+
+def _contacts(clip: Motion, contacts: Sequence[Contact] | None) -> tuple[Contact, ...]:
+    """Return who stands when: what is given, or found in the clip."""
+    if contacts is None:
+        found = detect_contacts(clip)
+    else:
+        found = check_contacts(contacts, clip.model, clip.nframe)
     if not found:
         raise ContactError(
             "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
             " give them with a contacts file"
         )
-    # On its own way the recorded feet are still: bent, they slide a little where they stand.
-    route = _routed(recorded, scene, settings)
-    bent = route is not None and route.bent
-    source = route.bend.apply(recorded) if route is not None and bent else recorded
-    steps = tuple(one for one in found if not one.rests)
-    stances = _stances(recorded, steps)
-    spots = _stances(source, steps) if bent else stances
-    ground = scene.ground_without(settings.avoid)
-    footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
-    if settings.footholds is not None:
-        footholds, turns = as_given(settings.footholds, spots, (footholds, turns), feet, ground)
-    if turns is None:
-        # A foot that is in the air at an end of the clip goes where the bent clip's goes.
-        plan = _on_ground(_Walk(source, source, found, spots, footholds), scene)
-        original = None if whole is recorded else whole
-        other = recorded if bent else None
-        return dataclasses.replace(plan, route=route, recorded=other, original=original)
-    pace = find_pace(spots, footholds, source.nframe, clip.fps)
-    if settings.pace == "keep":
-        pace = Pace.none(source.nframe)
-    original = None if pace.same and whole is recorded else whole
-    source, recorded = pace.apply(source), pace.apply(recorded)
-    found, stances, spots = pace.contacts(found), pace.stances(stances), pace.stances(spots)
-    loose = loose_ends(spots, footholds, source.nframe)
-    source = bend_along(source, spots, footholds, (turns, loose)).apply(source)
-    plan = _on_ground(_Walk(source, recorded, found, stances, footholds, loose), scene)
-    return dataclasses.replace(plan, route=route, original=original)
+    return found
 
 
 def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
     """Return the stances of a clip where it is."""
     pose = Kinematics(clip.model, clip.nframe).forward(clip.qpos)
     return find_stances(clip, pose, clip.character.feet, contacts)
-
-
-def _routed(clip: Motion, scene: Scene, settings: PlanSettings) -> Route | None:
-    """Return where a clip goes; None where it keeps its own way."""
-    if isinstance(settings.path, str) and settings.path == "keep":
-        return None
-    given = given_way(scene, settings)
-    return find_route(clip, scene, given=given, climb=settings.climb, avoid=settings.avoid)
 
 
 def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid") -> Plan:
@@ -248,14 +245,20 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
     resting = tuple(one.contact for one in plan.rests)
     walk = _Walk(
         plan.source,
-        (plan.recorded or plan.source) if plan.loose else plan.source,
+        plan.still or plan.source,
         (*found, *resting),
         plan.stances,
         new,
         plan.loose,
     )
     planned = _on_ground(walk, scene)
-    return dataclasses.replace(planned, route=plan.route, original=plan.original)
+    return dataclasses.replace(
+        planned,
+        route=plan.route,
+        recorded=plan.recorded,
+        original=plan.original,
+        detected=plan.detected,
+    )
 
 
 def _off_plane(old: Foothold, new: Foothold) -> float:
@@ -269,7 +272,7 @@ class _Walk:
 
     Attributes:
       source: the clip where its root is to go.
-      recorded: the clip as recorded, where its feet are still.
+      still: the clip along the same way, as its feet are recorded, where they are still.
       contacts: who stands when, and what rests.
       stances: where the recorded feet stand.
       footholds: where they are to stand.
@@ -277,7 +280,7 @@ class _Walk:
     """
 
     source: Motion
-    recorded: Motion
+    still: Motion
     contacts: tuple[Contact, ...]
     stances: Sequence[Stance]
     footholds: tuple[Foothold, ...]
@@ -286,11 +289,11 @@ class _Walk:
 
 def _on_ground(walk: _Walk, scene: Scene) -> Plan:
     """Plan the ways from foothold to foothold, one a stance, and what rests besides."""
-    source, recorded, ground = walk.source, walk.recorded, scene.ground
+    source, still, ground = walk.source, walk.still, scene.ground
     stances, footholds, feet = walk.stances, walk.footholds, source.character.feet
     pose = own = Kinematics(source.model, source.nframe).forward(source.qpos)
-    if recorded is not source:
-        own = Kinematics(recorded.model, recorded.nframe).forward(recorded.qpos)
+    if still is not source:
+        own = Kinematics(still.model, still.nframe).forward(still.qpos)
     rests = find_rests(source, pose, walk.contacts, ground)
     found = tuple(one for one in walk.contacts if not one.rests)
 
@@ -300,7 +303,7 @@ def _on_ground(walk: _Walk, scene: Scene) -> Plan:
             none = np.zeros(source.nframe)
             detour = Detour(more, none) if detour is None else detour.and_aside(more)
         path = foot_path(foot, index, own, stances, footholds, ground, source.fps, detour)
-        path = path if source is recorded else _against(path, pose, own, more)
+        path = path if source is still else _against(path, pose, own, more)
         return kneeling(foot, path, pose, rests, ground, source.fps)
 
     # What feet, ankles and root ask of each other, each told once, the firmest first.
@@ -344,7 +347,7 @@ def _on_ground(walk: _Walk, scene: Scene) -> Plan:
         *(source, found, paths, tuple(stances), footholds, shift, obstacles),
         ground=ground,
         back=back,
-        recorded=None if source is recorded else recorded,
+        still=None if source is still else still,
         loose=walk.loose,
         rests=rests,
         knees=tuple(knee_paths(source, pose, paths, rests, ground)),

@@ -35,7 +35,7 @@ BARRED = 600.0  # price of a metre's way that lacks a metre of what trunk and le
 BOWED = 1.0  # price of a metre's way under what hangs low
 CLIMBED = 8.0  # price of a metre's way with a single step a metre higher than LEVEL
 LEVEL = 0.22  # step that costs nothing [m]
-SET_OFF = 3.0  # price of setting off another way, by a squared radian
+SET_OFF = 6.0  # price of setting off another way, by a squared radian
 ABOUT = np.radians((-40.0, -30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0, 40.0))  # which ways
 HEAD = 0.25  # nearer to it than that one bows [m]
 
@@ -87,11 +87,11 @@ def find_way(asked: Asked, space: FreeSpace) -> Array:
     layers = [_Places(first, ABOUT, none, none, SET_OFF * ABOUT**2, begin)]
     for layer in range(count - 1):
         layers.append(_next(layers[-1], layer, asked, heading, space))
-    place, chosen = [], 0
-    for layer in reversed(layers):
-        place.append(layer.point[chosen])
-        chosen = int(layer.before[chosen])
-    return np.array(place[::-1])
+    found, chosen = [], 0
+    for places in reversed(layers):
+        found.append(places.point[chosen])
+        chosen = int(places.before[chosen])
+    return np.array(found[::-1])
 
 
 def _next(places: _Places, layer: int, asked: Asked, heading: Array, space: FreeSpace) -> _Places:
