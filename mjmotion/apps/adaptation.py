@@ -146,12 +146,11 @@ def fit_plan(
       ConstraintError, ModelError, FitError: bad input.
     """
     settings = FitSettings() if settings is None else settings
-    character, nframe = plan.source.character, plan.source.nframe
+    character = plan.source.character
     rigidity = stiff_root(character) if rigidity is None else rigidity
     solver = make_solver(character, settings.ik, rigidity)
-    guess = shifted(plan.source, plan.root_shift)
-    asked = _moved_near(constraints, guess)
-    near = _within_reach(asked, guess)
+    asked = _moved_near(constraints, shifted(plan.source, plan.root_shift))
+    near = _within_reach(asked, shifted(plan.source, plan.root_shift))
     asked_for = [*plan.constraints(), *near]
     result = fit(
         plan.source,
@@ -164,7 +163,7 @@ def fit_plan(
     )
     clearance = None
     if plan.obstacles:
-        clearance = ObstacleClearance(character, plan.obstacles, nframe)
+        clearance = ObstacleClearance(character, plan.obstacles, plan.source.nframe)
         result = past_obstacles(result, asked_for, clearance, solver, settings)
     result = steadied(plan, result, asked_for, solver, clearance)
     plan, result = _with_relaxed_ankles(plan, result, near, solver, clearance)
@@ -176,11 +175,10 @@ def fit_plan(
         raise barred.error()
     # Against what was asked for, not what was brought within reach; free targets where they went.
     wanted = [*plan.constraints(), *with_moves(asked, result.moves)]
-    targets = lay_out(wanted, character.model, nframe)
-    source = (plan.recorded or plan.source).on(composed)
+    targets = lay_out(wanted, character.model, plan.source.nframe)
     return Result(
-        source,
-        source.replace(with_toes(result.motion, plan.paths).qpos),
+        (plan.recorded or plan.source).on(composed),
+        plan.source.on(composed).replace(with_toes(result.motion, plan.paths).qpos),
         plan.contacts,
         result.trace,
         find_unmet(result.motion, targets, wanted),

@@ -46,6 +46,7 @@ from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.route.way import Route, find_route
 from mjmotion.scene import Scene
+from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
 
@@ -130,33 +131,14 @@ def make_plan(
     """
     settings = PlanSettings() if settings is None else settings
     scene = scene.at_rest()  # what could move is an obstacle and ground like the rest
-    recorded = place(clip, scene)
-    feet = clip.character.feet
-    found = (
-        detect_contacts(recorded)
-        if contacts is None
-        else check_contacts(contacts, clip.model, clip.nframe)
-    )
-    whole, way = recorded, given_way(scene, settings)
-    if way is not None:
-        recorded = cut_to_way(recorded, way)
-        found = tuple(
-            dataclasses.replace(one, end=min(one.end, recorded.nframe))
-            for one in found
-            if one.start < recorded.nframe
-        )
-    if not found:
-        raise ContactError(
-            "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
-            " give them with a contacts file"
-        )
+    whole, recorded, found = _taken(clip, scene, contacts, settings)
     # On its own way the recorded feet are still: bent, they slide a little where they stand.
     route = _routed(recorded, scene, settings)
     bent = route is not None and route.bent
     source = route.bend.apply(recorded) if route is not None and bent else recorded
     stances = _stances(recorded, found)
     spots = _stances(source, found) if bent else stances
-    ground = scene.ground_without(settings.avoid)
+    feet, ground = clip.character.feet, scene.ground_without(settings.avoid)
     footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
     if settings.footholds is not None:
         footholds, turns = as_given(settings.footholds, spots, (footholds, turns), feet, ground)
@@ -176,6 +158,36 @@ def make_plan(
     source = bend_along(source, spots, footholds, (turns, loose)).apply(source)
     plan = _on_ground((source, recorded), found, stances, footholds, scene, loose)
     return dataclasses.replace(plan, route=route, original=original)
+
+
+def _taken(
+    clip: Motion, scene: Scene, contacts: Sequence[Contact] | None, settings: PlanSettings
+) -> tuple[Motion, Motion, tuple[Contact, ...]]:
+    """Return the clip at the scene's start, what of it a given way takes, and who stands in that.
+
+    Raises:
+      ContactError: there are no contacts, or the given ones do not fit the clip.
+    """
+    whole = recorded = place(clip, scene)
+    found = (
+        detect_contacts(recorded)
+        if contacts is None
+        else check_contacts(contacts, clip.model, clip.nframe)
+    )
+    way = given_way(scene, settings)
+    if way is not None:
+        recorded = cut_to_way(recorded, way)
+        found = tuple(
+            dataclasses.replace(one, end=min(one.end, recorded.nframe))
+            for one in found
+            if one.start < recorded.nframe
+        )
+    if not found:
+        raise ContactError(
+            "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
+            " give them with a contacts file"
+        )
+    return whole, recorded, found
 
 
 def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
@@ -235,7 +247,7 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
     # With every heel again that had to give where it stood before.
     found = contacts_of(plan.stances, feet)
     clips = plan.source, plan.recorded or plan.source
-    planned = _on_ground(clips, found, plan.stances, new, scene, plan.loose)
+    planned = _on_ground(clips, found, plan.stances, new, scene, plan.loose, landed=True)
     return dataclasses.replace(planned, route=plan.route, original=plan.original)
 
 
@@ -251,6 +263,8 @@ def _on_ground(
     footholds: tuple[Foothold, ...],
     scene: Scene,
     loose: tuple[Array, ...] = (),
+    *,
+    landed: bool = False,
 ) -> Plan:
     """Plan the ways from foothold to foothold, one a stance.
 
@@ -261,32 +275,26 @@ def _on_ground(
       footholds: where they are to stand.
       scene: the scene.
       loose: how much further each foot goes before its first and after its last stance.
+      landed: whether it is settled how feet land.
     """
-    (source, recorded), ground = clips, scene.ground
-    feet = source.character.feet
-    pose, own = (
-        Kinematics(clip.model, clip.nframe).forward(clip.qpos) for clip in (source, recorded)
-    )
+    source, recorded = clips
+    feet, ways = source.character.feet, _Ways.of(source, recorded, scene.ground, loose)
+    pose = ways.pose
 
     def planned(index: int, detour: Detour | None = None) -> FootPath:
-        more = loose[index] if loose else None
-        if more is not None and more.any():
-            none = np.zeros(source.nframe)
-            detour = Detour(more, none) if detour is None else detour.and_aside(more)
-        path = foot_path(feet[index], index, own, stances, footholds, ground, source.fps, detour)
-        return path if source is recorded else _against(path, pose, own, more)
+        return ways.path(index, stances, footholds, detour)
 
     # What feet, ankles and root ask of each other, each told once, the firmest first.
     paths = tuple(planned(index) for index in range(len(feet)))
     shift = root_shift(source, pose, paths, found, ROLLING)
     turned = turned_footholds(shifted(source, shift), feet, paths, stances, footholds)
-    landed = flat_landings(shifted(source, shift), feet, paths, stances)
-    if any(new is not old for new, old in zip(landed, stances, strict=True)):
-        found = contacts_of(landed, feet)
-    if any(
-        new is not old for new, old in zip((*turned, *landed), (*footholds, *stances), strict=True)
-    ):
-        footholds, stances = turned, landed
+    flat = tuple(stances)
+    if not landed:
+        flat = flat_landings(shifted(source, shift), feet, paths, stances)
+    if _changed(flat, stances):
+        found = contacts_of(flat, feet)
+    if _changed((*turned, *flat), (*footholds, *stances)):
+        footholds, stances = turned, flat
         paths = tuple(planned(index) for index in range(len(feet)))
     moves = aside(feet, paths, pose, source.fps)
     tips = push_offs(source, pose, paths, found, shift)
@@ -298,29 +306,72 @@ def _on_ground(
     spots = (stances, footholds)
     found = trim_toe_contacts(found, feet, paths, spots, SHORTEST * source.fps)
     stances = with_ends(stances, feet, found)
-    if any(new is not old for new, old in zip(stances, spots[0], strict=True)):
+    if _changed(stances, spots[0]):
         details = zip(moves, tips, strict=True)
         paths = tuple(planned(index, Detour(*detail)) for index, detail in enumerate(details))
-    shift = root_shift(source, pose, paths, found)
-    paths = within_reach(source, pose, paths, found, shift)
-    relaxed, trimmed = relax_ankles(shifted(source, shift), feet, paths, found)
-    if relaxed != paths:
-        paths, found = relaxed, trimmed
-        shift = root_shift(source, pose, paths, found)
+    paths, found, shift = _relaxed(source, pose, paths, found)
     found = trim_toe_contacts(found, feet, paths, (stances, footholds), SHORTEST * source.fps)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
     other = None if source is recorded else recorded
-    return Plan(
-        *(source, found, paths, tuple(stances), footholds, shift, obstacles, other),
-        loose=loose,
-    )
+    plan = Plan(source, found, paths, tuple(stances), footholds, shift, obstacles, other)
+    return dataclasses.replace(plan, loose=loose)
 
 
-def _against(path: FootPath, pose: Pose, own: Pose, loose: Array | None) -> FootPath:
-    """Return a path whose shift is against a clip that goes another way than the recorded one."""
-    site = site_id(pose.model, path.site)
-    shift = path.shift + own.site_xpos[:, site] - pose.site_xpos[:, site]
-    return dataclasses.replace(path, shift=shift if loose is None else shift + loose)
+def _relaxed(
+    source: Motion, pose: Pose, paths: tuple[FootPath, ...], found: tuple[Contact, ...]
+) -> tuple[tuple[FootPath, ...], tuple[Contact, ...], Array]:
+    """Return paths within reach that ankles can follow, the contacts left, and the root's shift."""
+    shift = root_shift(source, pose, paths, found)
+    paths = within_reach(source, pose, paths, found, shift)
+    feet = source.character.feet
+    relaxed, trimmed = relax_ankles(shifted(source, shift), feet, paths, found)
+    if relaxed == paths:
+        return paths, found, shift
+    return relaxed, trimmed, root_shift(source, pose, relaxed, trimmed)
+
+
+def _changed(new: Sequence[object], old: Sequence[object]) -> bool:
+    """Whether any of some things is another."""
+    return any(one is not other for one, other in zip(new, old, strict=True))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Ways:
+    """What foot paths are made of: a clip, and the same as recorded, where its feet are still."""
+
+    source: Motion
+    pose: Pose
+    own: Pose
+    ground: Ground
+    loose: tuple[Array, ...]
+
+    @classmethod
+    def of(
+        cls, source: Motion, recorded: Motion, ground: Ground, loose: tuple[Array, ...]
+    ) -> _Ways:
+        """Return them, posed."""
+        pose, own = (
+            Kinematics(clip.model, clip.nframe).forward(clip.qpos) for clip in (source, recorded)
+        )
+        return cls(source, pose, own, ground, loose)
+
+    def path(
+        self,
+        index: int,
+        stances: Sequence[Stance],
+        footholds: Sequence[Foothold],
+        detour: Detour | None,
+    ) -> FootPath:
+        """Return the path of foot number ``index``, its shift against the clip."""
+        foot, fps = self.source.character.feet[index], self.source.fps
+        more = self.loose[index] if self.loose else np.zeros((self.source.nframe, 3))
+        if more.any():
+            none = np.zeros(self.source.nframe)
+            detour = Detour(more, none) if detour is None else detour.and_aside(more)
+        path = foot_path(foot, index, self.own, stances, footholds, self.ground, fps, detour)
+        site = site_id(self.pose.model, path.site)
+        way = self.own.site_xpos[:, site] - self.pose.site_xpos[:, site]
+        return dataclasses.replace(path, shift=path.shift + way + more)
 
 
 def with_ends(
