@@ -5,7 +5,8 @@
     fit = window.fits(foot, yaw, points)
 
 The ground is sampled once wherever a walk may come, a tile at a time, from a little above the
-height at which it comes there. What is found here is to within a cell; :mod:`.footholds` finds the rest.
+height at which it comes there. What is found here is to within a cell; :mod:`.footholds` finds
+the rest.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from mjmotion.footsteps.spots import CELL, Window
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SHORTER, LONGER = 0.30, 0.13  # a step is worth one that is this much shorter, or longer [m]
+SHORTER, LONGER = 0.30, 0.10  # a step is worth one that is this much shorter, or longer [m]
 STRIDE_MORE = 0.25  # a step longer than the source's by this share of it is a stretch
 STRETCH = 0.015  # worth one for each of these more [m]
 WIDER = 0.10  # the same beside [m]
