@@ -30,6 +30,7 @@ from mjmotion.exceptions import (
 )
 from mjmotion.footsteps.contacts import Contact, detect_contacts
 from mjmotion.footsteps.plan import make_plan, place
+from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.tangent import ominus
 from mjmotion.output.result import Result
@@ -192,8 +193,15 @@ def test_it_ducks_under_a_low_door() -> None:
     "door", [Doorway(x=0.9, height=0.9, width=1.2), Doorway(x=0.9, height=2.1, width=0.22)]
 )
 def test_doors_that_cannot_be_passed(door: Doorway) -> None:
-    with pytest.raises(SceneError, match="bars the way") as caught:
-        adapt(clip(), Scene.from_spec(doors((door,), base=flat())))
+    """The nearest is returned and says what bars it; nothing is, if that is asked for."""
+    scene = Scene.from_spec(doors((door,), base=flat()))
+    result = adapt(clip(), scene, planning=PlanSettings(path="keep"))
+    assert result.barred.startswith("there is no way: ") and "door1_" in result.barred
+    assert result.validate().metrics["obstacle_penetration_mm"] > 20.0
+    assert result.barred in result.report().notes
+    strict = PlanSettings(path="keep", strict=True)
+    with pytest.raises(SceneError, match="there is no way") as caught:
+        adapt(clip(), scene, planning=strict)
     assert caught.value.frames and "\n" not in str(caught.value)
 
 

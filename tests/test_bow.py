@@ -10,7 +10,7 @@ import pytest
 from made_up import mixed
 
 from mjmotion.apps.adaptation import adapt
-from mjmotion.apps.clearing import check_passage
+from mjmotion.apps.clearing import STUCK, what_bars
 from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
@@ -19,6 +19,8 @@ from mjmotion.fitting import Fit
 from mjmotion.footsteps import obstacles as obstacles_module
 from mjmotion.footsteps.bow import bow
 from mjmotion.footsteps.obstacles import ObstacleClearance, find_obstacles
+from mjmotion.footsteps.plan import make_plan
+from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.ik.solver import Inequalities
 from mjmotion.output.result import Result
 from mjmotion.scene import Doorway, Scene, doors, flat
@@ -174,7 +176,11 @@ def test_a_way_that_is_barred_is_told() -> None:
     door = find_obstacles(scene("door").model, alone.qpos[:, :3], ())
     clearance = ObstacleClearance(alone.character, door, alone.nframe)
     through = Fit(alone, result.trace, (), np.zeros((0, 4)), None)  # type: ignore[arg-type]
-    with pytest.raises(SceneError, match="door1_lintel") as caught:
-        check_passage(clearance, through)
-    assert caught.value.frames
-    assert np.abs(alone.qpos[list(caught.value.frames), 0] - DOOR).max() < 0.4
+    plan = make_plan(alone, scene("door"), settings=PlanSettings(path="keep"))
+    barred = what_bars(clearance, through, plan, scene("door").model)
+    assert barred is not None and barred.what == "lintel 'door1_lintel'"
+    assert barred.place[0] == pytest.approx(DOOR, abs=0.4) and barred.short > STUCK
+    error = barred.error()
+    assert isinstance(error, SceneError) and error.frames == barred.frames
+    assert np.abs(alone.qpos[list(error.frames), 0] - DOOR).max() < 0.4
+    assert what_bars(None, through, plan, scene("door").model) is None

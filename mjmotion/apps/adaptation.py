@@ -42,6 +42,7 @@ from mjmotion.constraints.unmet import find_unmet
 from mjmotion.exceptions import FitError, unknown_name
 from mjmotion.fitting import FINEST, TOLERANCE, Fit, fit, whole
 from mjmotion.footsteps.ankles import SHORTEST, relax_ankles, trim_toe_contacts
+from mjmotion.footsteps.changes import changes
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.heading import HEADINGS, never_met, set_off
 from mjmotion.footsteps.obstacles import ObstacleClearance
@@ -112,7 +113,8 @@ def adapt(  # more than eight parameters: all but the first two have a default
     result = fit_plan(plan, composed, constraints, settings)
     path = plan.source.qpos[:, :3] + plan.root_shift
     met = not never_met(path, plan.footholds, scene.model)
-    return result if met else dataclasses.replace(result, notes=(NEVER_MET,))
+    told = changes(plan) if met else (*changes(plan), NEVER_MET)
+    return dataclasses.replace(result, notes=told) if told else result
 
 
 def as_clip(clip: Motion | str | Path) -> Motion:
@@ -182,6 +184,7 @@ def fit_plan(
         plan.contacts,
         result.trace,
         find_unmet(result.motion, targets, wanted),
+        plan=plan if plan.stances else None,
         barred="" if barred is None else str(barred),
         recording=None if plan.original is None else plan.original.on(composed),
     )

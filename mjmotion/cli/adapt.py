@@ -17,6 +17,8 @@ from mjmotion.cli.arguments import (
 
 if TYPE_CHECKING:
     from mjmotion.body.motion import Motion
+    from mjmotion.footsteps.contacts import Contact
+    from mjmotion.footsteps.settings import PlanSettings
 
 HELP = "adapt a clip to a scene, validate it and make a video"
 EXAMPLE = "mjmotion adapt walk --scene terrain --out out/walk"
@@ -36,6 +38,11 @@ DEFAULTS: dict[str, Any] = {
     "loop": 1,
     "free_footholds": False,
     "heading": "start",
+    "path": "bend",
+    "climb": False,
+    "strict": False,
+    "avoid": [],
+    "plan": None,
     "threshold": [],
 }
 
@@ -57,12 +64,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--constraints", type=Path, help="YAML or JSON file of your own constraints"
     )
     add_fitting(parser)
-    parser.add_argument(
-        "--heading",
-        choices=("start", "keep"),
-        default="start",
-        help="set off along the start's x-axis, or keep the clip's own way: start",
-    )
+    add_planning(parser)
     parser.add_argument(
         "--free-footholds",
         action="store_true",
@@ -74,6 +76,56 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(**DEFAULTS)
 
 
+def add_planning(parser: argparse.ArgumentParser) -> None:
+    """Add what of a walk may change where a scene asks for it."""
+    parser.add_argument(
+        "--heading",
+        choices=("start", "keep"),
+        default="start",
+        help="set off along the start's x-axis, or keep the clip's own way: start",
+    )
+    parser.add_argument(
+        "--path",
+        metavar="bend|keep|FILE",
+        help="go round what is in the way, keep the clip's own, or take that of a CSV, JSON or"
+        " YAML file of x and y: bend",
+    )
+    parser.add_argument("--plan", type=Path, help="plan.json to take back, edited or not")
+    parser.add_argument(
+        "--avoid", action="append", metavar="GEOM", help="geom not to stand on; may repeat"
+    )
+    parser.add_argument(
+        "--climb", action="store_true", help="step on what is higher than 0.45 m, not round it"
+    )
+    parser.add_argument(
+        "--strict", action="store_true", help="an error where there is no way: nothing is written"
+    )
+
+
+def read_planning(
+    args: argparse.Namespace, clip: Motion
+) -> tuple[tuple[Contact, ...] | None, PlanSettings]:
+    """Return the contacts of ``--plan`` or ``--contacts``, and what of the walk may change."""
+    from mjmotion.exceptions import ContactError
+    from mjmotion.footsteps.contacts import load_contacts
+    from mjmotion.footsteps.plan_file import load_plan
+    from mjmotion.footsteps.settings import PATHS, PlanSettings
+    from mjmotion.route.given import read_way
+
+    path = args.path if args.path in PATHS else read_way(args.path)
+    settings = PlanSettings(
+        path=path, avoid=tuple(args.avoid), climb=args.climb, strict=args.strict
+    )
+    if args.plan is not None:
+        if args.contacts is not None or args.path != "bend":
+            raise ContactError(
+                "--plan has contacts and a path of its own: leave --contacts, --path"
+            )
+        return load_plan(args.plan, clip, settings)
+    contacts = load_contacts(args.contacts, clip.model, clip.nframe) if args.contacts else None
+    return contacts, settings
+
+
 def run(args: argparse.Namespace) -> int:
     """Adapt a clip to a scene, validate the result and write everything into a folder."""
     from mjmotion.apps.adaptation import adapt
@@ -81,7 +133,6 @@ def run(args: argparse.Namespace) -> int:
     from mjmotion.cli.terminal import Bar
     from mjmotion.constraints import load_constraints
     from mjmotion.constraints.unmet import check_free
-    from mjmotion.footsteps.contacts import load_contacts
     from mjmotion.output.folder import result_folder
     from mjmotion.scene import load_scene
 
@@ -89,8 +140,8 @@ def run(args: argparse.Namespace) -> int:
     with Bar() as bar, result_folder(args.out, args.force) as folder:
         bar("reading scene and clip")
         scene = load_scene(args.scene).at_rest(args.keyframe)
-        clip = _read(args)
-        contacts = load_contacts(args.contacts, clip.model, clip.nframe) if args.contacts else None
+        clip = read_clip(args)
+        contacts, planning = read_planning(args, clip)
         own = (
             load_constraints(args.constraints, clip.model, clip.nframe) if args.constraints else ()
         )
@@ -101,6 +152,7 @@ def run(args: argparse.Namespace) -> int:
             constraints=own,
             free_footholds=args.free_footholds,
             heading=args.heading,
+            planning=planning,
             levels=args.levels,
             tolerance=args.tolerance,
             ik=args.ik,
@@ -112,7 +164,7 @@ def run(args: argparse.Namespace) -> int:
     return tell(args, result, validation, title=title)
 
 
-def _read(args: argparse.Namespace) -> Motion:
+def read_clip(args: argparse.Namespace) -> Motion:
     """Return the clip, and say what is odd about a recording."""
     from mjmotion.cli.terminal import warn
     from mjmotion.clips import is_recording, load_clip, map_recording

@@ -38,6 +38,7 @@ OK, BROKEN, BAD_INPUT, FAULT, INTERRUPTED = 0, 1, 2, 3, 130  # exit codes
 COMMANDS = (
     "demo",
     "adapt",
+    "plan",
     "validate",
     "render",
     "info",

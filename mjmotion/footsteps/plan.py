@@ -71,6 +71,7 @@ class Plan:
       original: the clip in its own time, of other frames, where steps take another; else None.
       loose: (nframe, 3) of each foot, where steps were moved: how much further it goes before its
         first stance and after its last [m].
+      detected: who stands when in the whole clip, in its own time.
     """
 
     source: Motion
@@ -84,6 +85,7 @@ class Plan:
     route: Route | None = None
     original: Motion | None = None
     loose: tuple[Array, ...] = ()
+    detected: tuple[Contact, ...] = ()
 
     def constraints(self) -> list[SiteConstraint]:
         """Both feet posed at every frame."""
@@ -131,7 +133,7 @@ def make_plan(
     """
     settings = PlanSettings() if settings is None else settings
     scene = scene.at_rest()  # what could move is an obstacle and ground like the rest
-    whole, recorded, found = _taken(clip, scene, contacts, settings)
+    whole, recorded, detected, found = _taken(clip, scene, contacts, settings)
     # On its own way the recorded feet are still: bent, they slide a little where they stand.
     route = _routed(recorded, scene, settings)
     bent = route is not None and route.bent
@@ -147,7 +149,9 @@ def make_plan(
         plan = _on_ground((source, source), found, spots, footholds, scene)
         original = None if whole is recorded else whole
         other = recorded if bent else None
-        return dataclasses.replace(plan, route=route, recorded=other, original=original)
+        return dataclasses.replace(
+            plan, route=route, recorded=other, original=original, detected=detected
+        )
     pace = find_pace(spots, footholds, source.nframe, clip.fps)
     if settings.pace == "keep":
         pace = Pace.none(source.nframe)
@@ -157,13 +161,13 @@ def make_plan(
     loose = loose_ends(spots, footholds, source.nframe)
     source = bend_along(source, spots, footholds, (turns, loose)).apply(source)
     plan = _on_ground((source, recorded), found, stances, footholds, scene, loose)
-    return dataclasses.replace(plan, route=route, original=original)
+    return dataclasses.replace(plan, route=route, original=original, detected=detected)
 
 
 def _taken(
     clip: Motion, scene: Scene, contacts: Sequence[Contact] | None, settings: PlanSettings
-) -> tuple[Motion, Motion, tuple[Contact, ...]]:
-    """Return the clip at the scene's start, what of it a given way takes, and who stands in that.
+) -> tuple[Motion, Motion, tuple[Contact, ...], tuple[Contact, ...]]:
+    """Return the clip at the scene's start, what of it a given way takes, and who stands in each.
 
     Raises:
       ContactError: there are no contacts, or the given ones do not fit the clip.
@@ -174,7 +178,7 @@ def _taken(
         if contacts is None
         else check_contacts(contacts, clip.model, clip.nframe)
     )
-    way = given_way(scene, settings)
+    way, detected = given_way(scene, settings), found
     if way is not None:
         recorded = cut_to_way(recorded, way)
         found = tuple(
@@ -187,7 +191,7 @@ def _taken(
             "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
             " give them with a contacts file"
         )
-    return whole, recorded, found
+    return whole, recorded, detected, found
 
 
 def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
@@ -248,7 +252,9 @@ def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid")
     found = contacts_of(plan.stances, feet)
     clips = plan.source, plan.recorded or plan.source
     planned = _on_ground(clips, found, plan.stances, new, scene, plan.loose, landed=True)
-    return dataclasses.replace(planned, route=plan.route, original=plan.original)
+    return dataclasses.replace(
+        planned, route=plan.route, original=plan.original, detected=plan.detected
+    )
 
 
 def _off_plane(old: Foothold, new: Foothold) -> float:

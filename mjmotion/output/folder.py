@@ -9,6 +9,7 @@
 | recording.npz | the clip as recorded, where the motion has another pace and so other frames |
 | model.xml and assets | character and scene in one MJCF |
 | contacts.json | who stood where and when |
+| plan.json | of a walk on a scene: contacts of the clip, way and footholds, for ``adapt --plan`` |
 | body.npz | of a morph: the character's size in every frame |
 | report.json, report.html | the figures |
 | video.mp4 | source and motion |
@@ -29,8 +30,9 @@ from mjmotion.exceptions import OutputError
 MOTION, SOURCE, MODEL, CONTACTS = "motion.npz", "source.npz", "model.xml", "contacts.json"
 RECORDING = "recording.npz"
 BODY, REPORT, PAGE, VIDEO = "body.npz", "report.json", "report.html", "video.mp4"
+PLAN = "plan.json"
 FILES = (
-    *(MOTION, SOURCE, RECORDING, MODEL, CONTACTS, BODY, REPORT, PAGE, VIDEO),
+    *(MOTION, SOURCE, RECORDING, MODEL, CONTACTS, PLAN, BODY, REPORT, PAGE, VIDEO),
     *("original.npz", "original.xml", "constraints.json"),  # of a rope climb
 )
 """Every file of a result but the assets of its models."""

@@ -21,12 +21,15 @@ from mjmotion.constraints.unmet import Unmet
 from mjmotion.exceptions import OutputError, RenderError
 from mjmotion.fitting import Trace
 from mjmotion.footsteps.contacts import Contact, save_contacts
+from mjmotion.footsteps.plan import Plan
+from mjmotion.footsteps.plan_file import save_plan
 from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.output.folder import (
     BODY,
     CONTACTS,
     MODEL,
     MOTION,
+    PLAN,
     RECORDING,
     SOURCE,
     VIDEO,
@@ -60,6 +63,7 @@ class Result:
       saved_report: what ``report.json`` says, of a result that was read and has one; else empty.
       notes: what else there is to say, a line each.
       barred: what bars the way that the scene asks for, in a line; empty where nothing does.
+      plan: what the scene asked, of a walk that was adapted to one.
       recording: the source in its own time, of other frames, where the motion's is another.
     """
 
@@ -74,6 +78,7 @@ class Result:
     saved_report: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     recording: Motion | None = None
     barred: str = ""
+    plan: Plan | None = None
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -112,6 +117,7 @@ class Result:
           validation: the figures, if they were measured already.
           title: what the page is called; the result's own title without.
         """
+        from mjmotion.output.plan_drawing import plan_svg
         from mjmotion.output.report import Report
 
         fit: Mapping[str, Any] = self.saved_report
@@ -129,6 +135,7 @@ class Result:
             title=self.title if title is None else title,
             notes=(self.barred, *self.notes) if self.barred else self.notes,
             body=self.body,
+            plan_svg="" if self.plan is None else plan_svg(self.plan),
         )
 
     def save(
@@ -307,6 +314,8 @@ def write_motions(folder: str | Path, result: Result) -> None:
         result.motion.save(folder / MOTION)
         result.source.save(folder / SOURCE)
         save_contacts(folder / CONTACTS, result.contacts)
+        if result.plan is not None:
+            save_plan(folder / PLAN, result.plan)
         if result.body is not None:
             result.body.save(folder / BODY)
         if result.recording is not None:

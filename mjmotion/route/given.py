@@ -88,8 +88,14 @@ def check_way(points: object, what: str = "way") -> Array:
     Raises:
       SceneError: they are not numbers, not pairs, too far away, too many, or in one place.
     """
-    if isinstance(points, (list, tuple)) and any(np.shape(point) != (2,) for point in points):
-        raise SceneError(f"{what}: every point must be two numbers, x and y in metres")
+    if not isinstance(points, (list, tuple, np.ndarray)):
+        raise SceneError(f"{what}: it must be a list of points of x and y")
+    if len(points) < 2:
+        raise SceneError(f"{what}: it needs two points or more, further apart than {NEAR} m")
+    if isinstance(points, (list, tuple)):
+        for point in points:
+            if np.shape(point) != (2,) or any(isinstance(value, bool) for value in point):
+                raise SceneError(f"{what}: every point must be two numbers, x and y in metres")
     way = real_array(points, what, SceneError)
     if way.ndim != 2 or way.shape[1] != 2:
         raise SceneError(f"{what}: it must be a list of points of x and y, not {way.shape}")
@@ -97,7 +103,7 @@ def check_way(points: object, what: str = "way") -> Array:
     if not np.isfinite(way).all():
         raise SceneError(f"{what}: it holds numbers that are not finite")
     at_most(float(np.abs(way).max(initial=0.0)), MOST_LENGTH, f"{what} [m]", SceneError)
-    far = np.linalg.norm(np.diff(way, axis=0), axis=1) if len(way) else np.empty(0)
+    far = np.linalg.norm(np.diff(way, axis=0), axis=1)
     if far.sum() <= NEAR:
         raise SceneError(f"{what}: it needs two points or more, further apart than {NEAR} m")
     return way[np.concatenate(([True], far > 1e-6))]

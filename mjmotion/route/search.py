@@ -35,7 +35,7 @@ BARRED = 600.0  # price of a metre's way that lacks a metre of what trunk and le
 BOWED = 1.0  # price of a metre's way under what hangs low
 CLIMBED = 8.0  # price of a metre's way with a single step a metre higher than LEVEL
 LEVEL = 0.22  # step that costs nothing [m]
-SET_OFF = 3.0  # price of setting off another way, by a squared radian
+SET_OFF = 6.0  # price of setting off another way, by a squared radian
 ABOUT = np.radians((-40.0, -30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0, 40.0))  # which ways
 HEAD = 0.25  # nearer to it than that one bows [m]
 

@@ -29,6 +29,7 @@ FREE = 0.02  # a line that lacks no more of what trunk and legs take up is free 
 TRACK = 0.12  # half width of what a walk needs as ground [m]
 REACH = (1.5, 6.0)  # how far around its line a walk may go, at least and at most [m]
 AHEAD = 0.4  # how much further a foot is put than the line goes [m]
+LAST = 0.2  # as much of that counts for its own line [m]
 TURNING = np.radians(80.0)  # most that a walk turns in a second beyond what it does
 ASIDE = 1.6  # most that it is pulled aside [m/s²]
 
@@ -81,7 +82,9 @@ def find_route(
     line = Centreline.of(source)
     width = BodyWidth.of(source, line, float(scene.start_pos[2]))
     own = line.spaced(FINE)
-    _, trunk = needed_widths(width, np.arange(len(own)) * FINE)
+    # A body is as long as it is wide, about, and its last step goes on a little.
+    ahead = line.spaced(FINE, LAST)
+    _, trunk = needed_widths(width, np.arange(len(ahead)) * FINE)
     if given is not None:
         new = line_of_length(rounded(given), line.whole)
         around = np.concatenate((source.qpos[:1, :2], new))
@@ -89,7 +92,7 @@ def find_route(
         return _route(own, new, line.bend(new), space, trunk)
     reach = float(np.clip(0.8 * line.whole, *REACH))
     space = find_free_space(scene, own, reach, width.height, climb=climb, avoid=avoid)
-    if len(own) < 3 or space.lack(own, trunk).max() <= FREE:
+    if len(own) < 3 or space.lack(ahead, trunk).max() <= FREE:
         return _route(own, own, Bend.none(source.nframe), space, trunk)
     points = line.spaced(STEP, AHEAD)
     lengths = np.arange(len(points)) * STEP

@@ -32,6 +32,7 @@ class ReportData:
       title: what the page is called.
       body: the character's size in every frame of the motion, where that changes.
       notes: what else there is to say, a line each.
+      plan_svg: the plan from above, as SVG text; empty where there is none.
     """
 
     source: Motion
@@ -45,6 +46,7 @@ class ReportData:
     title: str = "Adapted motion"
     body: MorphBody | None = None
     notes: tuple[str, ...] = ()
+    plan_svg: str = ""
 
     @property
     def metrics(self) -> dict[str, float]:

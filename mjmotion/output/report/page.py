@@ -69,6 +69,11 @@ def page(report: ReportData, poses: Sequence[Picture] = (), why_no_poses: str = 
         _unmet(report),
         *(f'<p class="note">Note: {escape(note)}.</p>' for note in report.notes),
         _section(
+            "The plan from above",
+            "The clip's own way and the way taken, footsteps, and what is near them.",
+            report.plan_svg,
+        ),
+        _section(
             "Feet against the ground",
             "Heights of heel and toe, solid, and of the ground below, dashed. Shaded: contact.",
             plots.foot_heights(report),
