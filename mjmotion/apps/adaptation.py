@@ -43,6 +43,7 @@ from mjmotion.exceptions import FitError, unknown_name
 from mjmotion.fitting import FINEST, TOLERANCE, Fit, fit, whole
 from mjmotion.footsteps.above_ground import above_ground
 from mjmotion.footsteps.ankles import SHORTEST, relax_ankles, trim_toe_contacts
+from mjmotion.footsteps.changes import changes
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.heading import HEADINGS, never_met, set_off
 from mjmotion.footsteps.lean import leaning
@@ -114,8 +115,8 @@ def adapt(  # more than eight parameters: all but the first two have a default
     result = fit_plan(plan, composed, constraints, settings)
     path = plan.source.qpos[:, :3] + plan.root_shift
     met = not never_met(path, plan.footholds, scene.model)
-    changed = "" if plan.route is None else plan.route.changed()
-    notes = (*result.notes, changed, "" if met else NEVER_MET)
+    other = "" if plan.route is None else plan.route.changed()
+    notes = (*result.notes, other, *changes(plan), "" if met else NEVER_MET)
     return dataclasses.replace(result, notes=tuple(note for note in notes if note))
 
 
@@ -150,12 +151,11 @@ def fit_plan(
       ConstraintError, ModelError, FitError: bad input.
     """
     settings = FitSettings() if settings is None else settings
-    character, nframe = plan.source.character, plan.source.nframe
+    character = plan.source.character
     rigidity = stiff_root(character) if rigidity is None else rigidity
     solver = make_solver(character, settings.ik, rigidity)
-    guess = shifted(plan.source, plan.root_shift)
-    asked = _moved_near(constraints, guess)
-    near = _within_reach(asked, guess)
+    asked = _moved_near(constraints, shifted(plan.source, plan.root_shift))
+    near = _within_reach(asked, shifted(plan.source, plan.root_shift))
     asked_for = [*plan.constraints(), *near]
     result = fit(
         plan.source if plan.back is None else leaning(plan.source, plan.back),
@@ -168,7 +168,7 @@ def fit_plan(
     )
     clearance = None
     if plan.obstacles:
-        clearance = ObstacleClearance(character, plan.obstacles, nframe)
+        clearance = ObstacleClearance(character, plan.obstacles, plan.source.nframe)
         result = past_obstacles(result, asked_for, clearance, solver, settings)
     result = steadied(plan, result, asked_for, solver, clearance)
     plan, result = _with_relaxed_ankles(plan, result, near, solver, clearance)
@@ -178,7 +178,7 @@ def fit_plan(
     barred = what_bars(clearance, result, plan, composed.model, settings)
     # Against what was asked for, not what was brought within reach; free targets where they went.
     wanted = [*plan.constraints(), *with_moves(asked, result.moves)]
-    targets = lay_out(wanted, character.model, nframe)
+    targets = lay_out(wanted, plan.source.character.model, plan.source.nframe)
     return Result(
         source := (plan.recorded or plan.source).on(composed),
         source.replace(with_toes(result.motion, plan.paths).qpos),

@@ -25,9 +25,7 @@ Array = NDArray[np.float64]
 
 LEVELS_FROM = 1  # of the default levels the coarsest is left out: its knots are wider than a sway
 ROUNDS = 1  # times that the root makes up for what the legs do
-SLOW = (
-    0.35  # what the mass does more slowly than this is left: it lies otherwise, on raised legs [s]
-)
+SLOW = 0.35  # what the mass does more slowly is left: it lies otherwise, on raised legs [s]
 QUICK = 0.04  # and what it does more quickly: that is no sway [s]
 MOST = 0.03  # the most that the root goes aside for it [m]
 SHARE = 0.8  # of the way that it goes: the mass moves about as much as the root

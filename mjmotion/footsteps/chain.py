@@ -35,7 +35,7 @@ BACK, ON, ASIDE = 0.55, 0.30, 0.30  # how much shorter, longer or wider a step m
 FIRST = 0.35  # how far from its own spot the first foot may stand [m]
 FIRST_OFF = 0.20  # a first foot is worth one that is so far from its own spot [m]
 LOOK = 0.10  # how far beyond its spots ground is looked at for a foot [m]
-TOLERATED = 2.0  # a chain none of whose steps costs more is good as it is
+TOLERATED = 6.0  # a chain none of whose steps costs more is left as it is: nobody would mind
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

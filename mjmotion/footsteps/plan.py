@@ -70,7 +70,7 @@ class Plan:
       obstacles: what to keep clear of.
       ground: the scene's surfaces.
       back: (nframe,) how far of the shift the hips stay back for the ankles uphill; None as 0 [m].
-      still: the clip along the same way as its feet are recorded, where steps were moved; else None.
+      still: the clip along the same way as its feet were recorded, where steps moved; else None.
       recorded: the clip on its own way, where that is another; else None.
       route: where the walk goes, and why; None where that was not looked for.
       original: the clip in its own time, of other frames, where steps take another; else None.
@@ -194,6 +194,36 @@ def _contacts(clip: Motion, contacts: Sequence[Contact] | None) -> tuple[Contact
     return found
 
 
+def _taken(
+    clip: Motion, scene: Scene, contacts: Sequence[Contact] | None, settings: PlanSettings
+) -> tuple[Motion, Motion, tuple[Contact, ...], tuple[Contact, ...]]:
+    """Return the clip at the scene's start, what of it a given way takes, and who stands in each.
+
+    Raises:
+      ContactError: there are no contacts, or the given ones do not fit the clip.
+    """
+    whole = recorded = place(clip, scene)
+    found = (
+        detect_contacts(recorded)
+        if contacts is None
+        else check_contacts(contacts, clip.model, clip.nframe)
+    )
+    way, detected = given_way(scene, settings), found
+    if way is not None:
+        recorded = cut_to_way(recorded, way)
+        found = tuple(
+            dataclasses.replace(one, end=min(one.end, recorded.nframe))
+            for one in found
+            if one.start < recorded.nframe
+        )
+    if not found:
+        raise ContactError(
+            "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
+            " give them with a contacts file"
+        )
+    return whole, recorded, detected, found
+
+
 def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
     """Return the stances of a clip where it is."""
     pose = Kinematics(clip.model, clip.nframe).forward(clip.qpos)
@@ -277,6 +307,7 @@ class _Walk:
       stances: where the recorded feet stand.
       footholds: where they are to stand.
       loose: how much further each foot goes before its first and after its last stance.
+      landed: whether it is settled how feet land.
     """
 
     source: Motion
@@ -310,13 +341,13 @@ def _on_ground(walk: _Walk, scene: Scene) -> Plan:
     paths = tuple(planned(index) for index in range(len(feet)))
     shift, _ = root_shift(source, pose, paths, found, ROLLING)
     turned = turned_footholds(shifted(source, shift), feet, paths, stances, footholds)
-    landed = flat_landings(shifted(source, shift), feet, paths, stances)
-    if any(new is not old for new, old in zip(landed, stances, strict=True)):
-        found = contacts_of(landed, feet)
-    if any(
-        new is not old for new, old in zip((*turned, *landed), (*footholds, *stances), strict=True)
-    ):
-        footholds, stances = turned, landed
+    flat = tuple(stances)
+    if not landed:
+        flat = flat_landings(shifted(source, shift), feet, paths, stances)
+    if _changed(flat, stances):
+        found = contacts_of(flat, feet)
+    if _changed((*turned, *flat), (*footholds, *stances)):
+        footholds, stances = turned, flat
         paths = tuple(planned(index) for index in range(len(feet)))
     moves = aside(feet, paths, pose, source.fps)
     tips = push_offs(source, pose, paths, found, shift)
@@ -328,7 +359,7 @@ def _on_ground(walk: _Walk, scene: Scene) -> Plan:
     spots = (stances, footholds)
     found = trim_toe_contacts(found, feet, paths, spots, SHORTEST * source.fps)
     stances = with_ends(stances, feet, found)
-    if any(new is not old for new, old in zip(stances, spots[0], strict=True)):
+    if _changed(stances, spots[0]):
         details = zip(moves, tips, strict=True)
         paths = tuple(planned(index, Detour(*detail)) for index, detail in enumerate(details))
     shift, back = root_shift(source, pose, paths, found)
@@ -354,11 +385,61 @@ def _on_ground(walk: _Walk, scene: Scene) -> Plan:
     )
 
 
-def _against(path: FootPath, pose: Pose, own: Pose, loose: Array | None) -> FootPath:
-    """Return a path whose shift is against a clip that goes another way than the recorded one."""
-    site = site_id(pose.model, path.site)
-    shift = path.shift + own.site_xpos[:, site] - pose.site_xpos[:, site]
-    return dataclasses.replace(path, shift=shift if loose is None else shift + loose)
+def _relaxed(
+    source: Motion, pose: Pose, paths: tuple[FootPath, ...], found: tuple[Contact, ...]
+) -> tuple[tuple[FootPath, ...], tuple[Contact, ...], Array]:
+    """Return paths within reach that ankles can follow, the contacts left, and the root's shift."""
+    shift = root_shift(source, pose, paths, found)
+    paths = within_reach(source, pose, paths, found, shift)
+    feet = source.character.feet
+    relaxed, trimmed = relax_ankles(shifted(source, shift), feet, paths, found)
+    if relaxed == paths:
+        return paths, found, shift
+    return relaxed, trimmed, root_shift(source, pose, relaxed, trimmed)
+
+
+def _changed(new: Sequence[object], old: Sequence[object]) -> bool:
+    """Whether any of some things is another."""
+    return any(one is not other for one, other in zip(new, old, strict=True))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Ways:
+    """What foot paths are made of: a clip, and the same as recorded, where its feet are still."""
+
+    source: Motion
+    pose: Pose
+    own: Pose
+    ground: Ground
+    loose: tuple[Array, ...]
+
+    @classmethod
+    def of(
+        cls, source: Motion, recorded: Motion, ground: Ground, loose: tuple[Array, ...]
+    ) -> _Ways:
+        """Return them, posed."""
+        pose, own = (
+            Kinematics(clip.model, clip.nframe).forward(clip.qpos) for clip in (source, recorded)
+        )
+        return cls(source, pose, own, ground, loose)
+
+    def path(
+        self,
+        index: int,
+        stances: Sequence[Stance],
+        footholds: Sequence[Foothold],
+        detour: Detour | None,
+    ) -> FootPath:
+        """Return the path of foot number ``index``, its shift against the clip."""
+        foot, fps = self.source.character.feet[index], self.source.fps
+        more = self.loose[index] if self.loose else np.zeros((self.source.nframe, 3))
+        if more.any():
+            none = np.zeros(self.source.nframe)
+            detour = Detour(more, none) if detour is None else detour.and_aside(more)
+        path = foot_path(foot, index, self.own, stances, footholds, self.ground, fps, detour)
+        site = site_id(self.pose.model, path.site)
+        way = self.own.site_xpos[:, site] - self.pose.site_xpos[:, site]
+        return dataclasses.replace(path, shift=path.shift + way + more)
 
 
 def with_ends(

@@ -28,8 +28,8 @@ class PlanSettings:
       path: ``"bend"``: round what is in the way, and back; ``"keep"``: the clip's own; or (n, 2)
         points of the way that it is to take [m]. Sites ``way_1, way_2, …`` of the scene give that
         for ``"bend"``.
-      pace: ``"steps"``: a step takes longer that climbs, and less that is short; ``"keep"``: each as
-        long as in the clip.
+      pace: ``"steps"``: a step takes longer that climbs, and less that is short; ``"keep"``: each
+        as long as in the clip.
       avoid: names of geoms that are not stood on, however low.
       climb: whether it steps on or over what is higher than a step and has a top; else it goes
         round that.

@@ -75,8 +75,7 @@ def set_down(
         for place in (foot.heel - part * ahead, foot.front + part * ahead)
     ]
     ends = (foot.heel, foot.toe, *near)
-    offset = rotate(yaw, np.concatenate((ends, probe)))
-    points = spots[:, None] + offset * (1.0, 1.0, 0.0)
+    points = spots[:, None] + rotate(yaw, np.concatenate((ends, probe))) * (1.0, 1.0, 0.0)
     heights, normals, avoided = ground.firm(points)
     missing = np.isnan(heights) | avoided
     normals = np.where(avoided[..., None], 0.0, normals)
@@ -90,9 +89,8 @@ def set_down(
     across = cross(normal, along)
     local = normalized(foot.toe - foot.heel)
     side = cross(np.array((0.0, 0.0, 1.0)), local)
-    up = cross(local, side)
-    world = np.stack((along, across, normal), axis=-1)
-    quat = from_matrix(world @ np.stack((local, side, up)))
+    own = np.stack((local, side, cross(local, side)))
+    quat = from_matrix(np.stack((along, across, normal), axis=-1) @ own)
     position = heel - rotate(quat, foot.heel)
     # How far the true ground is from the plane of the sole, above it and below it.
     above = (
@@ -101,9 +99,7 @@ def set_down(
     ).sum(axis=-1) - foot.sole[0, 2]
     above -= under_toes(foot, np.concatenate((ends, probe)), above, len(probe))
     if overhang:
-        hangs = foot.bends[2 : len(foot.sole)]
-        toes = above[:, -len(probe) :][:, hangs]
-        above[:, -len(probe) :][:, hangs] = np.where(toes < -STEP, 0.0, toes)
+        above = _without_hanging(foot, above, len(probe))
     step = above[:, 2:6] > STEP + np.abs(along[:, 2:]) * APPROACH
     crowded = step[:, :2].any(axis=1) + step.any(axis=1).astype(float)
     above = np.delete(above, (2, 3, 4, 5), axis=1)
@@ -111,6 +107,19 @@ def set_down(
     position = position + normal * np.maximum(0.0, rise - SINK)[:, None]
     fault = np.abs(above).max(axis=1) + missing[:, [0, 1, *range(6, missing.shape[1])]].sum(axis=1)
     return Placed(position, quat, normal, fault, crowded)
+
+
+def _without_hanging(foot: Foot, above: Array, count: int) -> Array:
+    """Return how far ground is above a sole (n, k), as if there were some under toes that hang.
+
+    Args:
+      foot: the foot.
+      above: (n, k); its last ``count`` are of the sole but for its first two points [m].
+      count: of those.
+    """
+    hangs = np.zeros(above.shape[1], dtype=bool)
+    hangs[-count:] = foot.bends[2 : len(foot.sole)]
+    return np.where(hangs & (above < -STEP), 0.0, above)
 
 
 def walled(foot: Foot, ground: Ground, placed: Placed, index: int) -> bool:

@@ -1,11 +1,12 @@
-"""Where a foot could stand, found on a grid of heights: how well it would fit at many spots at once.
+"""Where a foot could stand, found on a grid of heights: how well it fits at many spots at once.
 
     spots = Spots(ground)
     window = spots.window(low, high, height)
     fit = window.fits(foot, yaw, points)
 
-The ground is sampled once wherever a walk may come, a tile at a time, from a little above the height
-at which it comes there. What is found here is to within a cell; :mod:`.footholds` finds the rest.
+The ground is sampled once wherever a walk may come, a tile at a time, from a little above the
+height at which it comes there. What is found here is to within a cell; :mod:`.footholds` finds
+the rest.
 """
 
 from __future__ import annotations
@@ -96,7 +97,7 @@ class Window:
             return np.asarray(first[:, None] + part[:, 0] * width + part[:, 1])
 
         under = flat[places(sole)]
-        stands = ~np.isnan(under).any(axis=1)
+        stands = np.asarray(~np.isnan(under).any(axis=1))
         if self.avoided.any():
             stands &= ~self.avoided.ravel()[places(sole)].any(axis=1)
         under = np.where(stands[:, None], under, 0.0)
@@ -137,7 +138,8 @@ class Spots:
         """Return the samples over a rectangle.
 
         Args:
-          low, high: (2,) its corners [m].
+          low: (2,) its corner nearest to the origin of x and y [m].
+          high: (2,) the opposite one [m].
           height: about where the ground is there [m].
         """
         storey = round(height / STOREY)

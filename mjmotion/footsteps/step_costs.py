@@ -15,7 +15,7 @@ from mjmotion.footsteps.spots import CELL, Window
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SHORTER, LONGER = 0.30, 0.13  # a step is worth one that is this much shorter, or longer [m]
+SHORTER, LONGER = 0.30, 0.10  # a step is worth one that is this much shorter, or longer [m]
 STRIDE_MORE = 0.25  # a step longer than the source's by this share of it is a stretch
 STRETCH = 0.015  # worth one for each of these more [m]
 WIDER = 0.10  # the same beside [m]
@@ -95,7 +95,7 @@ def best_steps(
 
 
 def _bare_costs(step: Step, before: Placed, after: Placed) -> Array:
-    """What steps from some places (m) to others (n) cost by themselves (n, m)."""
+    """Return what steps from some places (m) to others (n) cost by themselves (n, m)."""
     along = after.along[:, None] - before.along
     beside = after.beside[:, None] - before.beside
     more = (along - step.along) * (1.0 if step.along >= 0.0 else -1.0)
@@ -114,7 +114,7 @@ def _bare_costs(step: Step, before: Placed, after: Placed) -> Array:
 
 
 def _on_the_way(before: Placed, after: Placed, window: Window) -> Array:
-    """What lies between: treads that are left out, and what has to be stepped over (n, m).
+    """Return what lies between costs (n, m): treads left out, and what has to be stepped over.
 
     Args:
       before: (n, m) places to step from.

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +41,8 @@ def choose_footholds(
       start_height: height of the ground where the walk begins [m].
 
     Returns:
-      One foothold a stance; and how far each was turned about the vertical (n,) [rad] where all were
-      chosen together, None where each one is near its own spot.
+      One foothold a stance; and how far each was turned about the vertical (n,) [rad] where all
+      were chosen together, None where each one is near its own spot.
 
     Raises:
       SceneError: there is nothing to stand on within reach of a step.
@@ -67,7 +68,7 @@ def choose_footholds(
 def loose_ends(
     stances: Sequence[Stance], footholds: Sequence[Foothold], nframe: int
 ) -> tuple[Array, ...]:
-    """Return how much further feet go (nframe, 3) before their first stance and after their last [m].
+    """Return how much further feet go (nframe, 3) [m] before their first stance, after their last.
 
     The clip does not show where they come from or go to. As the last step was moved against the one
     before it, so is the next: a walk of short steps ends in one.
@@ -84,9 +85,8 @@ def loose_ends(
         mine = [index for index, stance in enumerate(stances) if stance.foot == foot]
         others = [index for index, stance in enumerate(stances) if stance.foot != foot]
         more = np.zeros((nframe, 3))
-        swings = [stances[b].start - stances[a].end for a, b in zip(mine, mine[1:], strict=False)]
-        swings += [
-            stances[b].start - stances[a].end for a, b in zip(others, others[1:], strict=False)
+        swings = [
+            stances[b].start - stances[a].end for one in (mine, others) for a, b in pairwise(one)
         ]
         if mine and others and swings:
             time = max(float(np.median(swings)), 1.0)
@@ -119,7 +119,8 @@ def bend_along(
       motion: the clip.
       stances: its stances, at their own spots.
       footholds: one a stance.
-      moves: (n,) how far each was turned about the vertical [rad], and what :func:`loose_ends` says.
+      moves: (n,) how far each was turned about the vertical [rad], and what :func:`loose_ends`
+        says.
     """
     nframe, root = motion.nframe, motion.qpos[:, :3]
     turns, loose = moves

@@ -98,7 +98,9 @@ class Result:
         from mjmotion.validation import validate
 
         return validate(
-            *(self.source, self.motion, self.contacts),
+            self.source,
+            self.motion,
+            self.contacts,
             thresholds=thresholds,
             body=self.body,
             recording=self.recording,

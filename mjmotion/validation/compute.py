@@ -146,7 +146,11 @@ class _Figures(Sheet):
         )
         self.before = poses_of(source, self.geoms)
         self.beside = BesideSource(
-            *(self, judge.body, source, motion, judge.contacts),
+            self,
+            judge.body,
+            source,
+            motion,
+            judge.contacts,
             changing=body,
             recording=recording,
         )

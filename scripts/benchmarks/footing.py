@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 TUNED, HELD_BACK = range(6), range(100, 108)
 """Seeds of scenes that were tuned on, and of others."""
 MOST_TURN = 60.0  # a step's turn [degrees]
+GAP = 2  # before which stone it is
 RISER = 0.05  # a step of the ground that counts as one [m]
 CLIPS = ("walk", "02_01", "07_01", "16_58")
 
@@ -104,11 +105,10 @@ def _stones(seed: int, gap: float) -> mujoco.MjSpec:
     _block(spec, "bank0", np.array((-2.0, -1.2, 0.0)), np.array((edge, 1.2, high)))
     spacing = random.uniform(0.35, 0.8)
     x, side = edge, random.choice((-1.0, 1.0))
-    count = 10
-    for number in range(count):
+    for number in range(10):
         size = random.uniform(0.3, 0.5, 2)
         size[0] = min(size[0], spacing - 0.05)
-        x += spacing * random.uniform(0.9, 1.1) + (gap if number == count // 2 else 0.0)
+        x += spacing * random.uniform(0.9, 1.1) + (gap if number == GAP else 0.0)
         y = side * random.uniform(0.05, 0.15)
         top = high + random.uniform(-0.15, 0.15)
         middle = np.array((x, y, 0.5 * top))
@@ -187,16 +187,16 @@ def steps_of(result: Result, scene: Scene) -> Steps:
         stances += [(int(start), int(end), foot) for start, end in edges]
     stances.sort()
     middle = np.array([(start + end) // 2 for start, end, _ in stances])
-    foot = np.array([one[2] for one in stances])
-    place, yaw = _soles(motion, sides, middle, foot)
-    own, own_yaw = _soles(result.source, sides, middle, foot)
-    own_side = np.where(np.array([side == "left" for side in sides])[foot[1:]], 1.0, -1.0)
+    feet = np.array([one[2] for one in stances])
+    place, yaw = _soles(motion, sides, middle, feet)
+    own, own_yaw = _soles(result.source, sides, middle, feet)
+    own_side = np.where(np.array([side == "left" for side in sides])[feet[1:]], 1.0, -1.0)
     length, width = _across(place, yaw)
     source_length, source_width = _across(own, own_yaw)
     turn = np.diff(np.unwrap(yaw)) - np.diff(np.unwrap(own_yaw))
     return Steps(
-        foot[1:],
-        foot[1:] == foot[:-1],
+        feet[1:],
+        feet[1:] == feet[:-1],
         length,
         source_length,
         own_side * width,
@@ -214,17 +214,18 @@ def _soles(
     pose = Kinematics(motion.model, len(frames)).forward(motion.qpos[frames])
     row = np.arange(len(frames))
     heel, toe = (
-        pose.site_xpos[
-            row, np.array([site_id(motion.model, f"{side}_{part}") for side in sides])[foot]
-        ]
-        for part in ("heel", "toe")
+        pose.site_xpos[row, sites[foot]]
+        for sites in (
+            np.array([site_id(motion.model, f"{side}_{part}") for side in sides])
+            for part in ("heel", "toe")
+        )
     )
     along = toe - heel
     return 0.5 * (heel + toe), np.arctan2(along[:, 1], along[:, 0])
 
 
 def _across(place: Array, yaw: Array) -> tuple[Array, Array]:
-    """Steps along the mean way of both feet, and to its left (n,) [m]."""
+    """Return steps along the mean way of both feet, and to its left (n,) [m]."""
     yaw = np.unwrap(yaw)
     heading = 0.5 * (yaw[1:] + yaw[:-1])
     step = np.diff(place, axis=0)
@@ -290,9 +291,8 @@ def measure(name: str, clip: Motion, kind: str, seed: int) -> Footing:
 
 def _repeats(steps: Steps) -> bool:
     """Whether a foot steps twice where it goes further than it would to stay."""
-    return bool(
-        (steps.again & (np.abs(steps.length) > 2.0 * np.abs(steps.source_length) + 0.05)).any()
-    )
+    far = np.abs(steps.length) > 2.0 * np.abs(steps.source_length) + 0.05
+    return bool((steps.again & far).any())
 
 
 def run(
@@ -318,12 +318,6 @@ def summary(what: str, found: Sequence[Footing]) -> list[Figure]:
         if mine:
             share = 100.0 * sum(not one.broken for one in mine) / len(mine)
             figures.append(
-                Figure(
-                    "footing",
-                    f"{kind}, {what}: pairs that reach every bar",
-                    share,
-                    "%",
-                    least=SHARE,
-                )
+                Figure("footing", f"{kind}, {what}: pairs in every bar", share, "%", least=SHARE)
             )
     return figures
