@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from mjmotion.body.kinematics import RayCaster
 from mjmotion.exceptions import SceneError, unknown_name
+from mjmotion.scene.columns import Columns
 
 Array = NDArray[np.float64]
 
@@ -44,9 +46,7 @@ class Ground:
         # One more, never avoided, for rays that hit nothing.
         self._avoided = np.array([*(name in avoid and name != "" for name in names), False])
         self.model = solid_model(model)
-        walls = copy.copy(self.model)
-        walls.geom_rgba[walls.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD, 3] = 0.0
-        self._rays, self._wall_rays = RayCaster(self.model), RayCaster(walls)
+        self._columns = Columns(self.model)
 
     def under(self, points: Array) -> tuple[Array, Array]:
         """Return the surface under points, seen from :data:`LOOK_FROM` above each.
@@ -65,7 +65,7 @@ class Ground:
         """Return what :meth:`under` does, and the geoms (...) that it is of; -1 for none."""
         shape = points.shape[:-1]
         origin = points.reshape(-1, 3) + (0.0, 0.0, LOOK_FROM)
-        distance, geom, normal = self._rays.cast(origin, np.array((0.0, 0.0, -1.0)))
+        distance, geom, normal = self._columns.cast(origin)
         stands = (distance >= 0.0) & (normal[:, 2] > STEEPEST)
         height = np.where(stands, origin[:, 2] - distance, np.nan)
         normal = np.where(stands[:, None], normal, 0.0)
@@ -79,7 +79,7 @@ class Ground:
 
     def on_field(self, points: Array) -> bool:
         """Return whether all of points (n, 3) are over heightfields, seen as :meth:`under` does."""
-        _, geom, _ = self._rays.cast(points + (0.0, 0.0, LOOK_FROM), np.array((0.0, 0.0, -1.0)))
+        _, geom, _ = self._columns.cast(points + (0.0, 0.0, LOOK_FROM))
         kinds = self.model.geom_type[geom]
         return bool(((geom >= 0) & (kinds == mujoco.mjtGeom.mjGEOM_HFIELD)).all())
 
@@ -89,9 +89,19 @@ class Ground:
         Heightfields are no walls, and slow for rays that go along them.
         """
         length = np.linalg.norm(spans, axis=1)
+        longer = spans * (1.0 + margin / np.maximum(length, 1e-9))[:, None]
+        corners = np.concatenate((origins, origins + longer))
+        if not self._columns.any_wall_near(corners.min(axis=0), corners.max(axis=0)):
+            return False
         direction = spans / np.maximum(length, 1e-9)[:, None]
         distance, _, _ = self._wall_rays.cast(origins, direction)
         return bool(((distance >= 0.0) & (distance < length + margin)).any())
+
+    @cached_property
+    def _wall_rays(self) -> RayCaster:
+        walls = copy.copy(self.model)
+        walls.geom_rgba[walls.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD, 3] = 0.0
+        return RayCaster(walls)
 
 
 def solid_model(model: mujoco.MjModel) -> mujoco.MjModel:
