@@ -57,14 +57,27 @@ def check_mjcf(path: str | Path, error: type[MotionError]) -> None:
     _Reader(error).read(Path(path), ())
 
 
+def mjcf_files(path: str | Path, error: type[MotionError]) -> tuple[Path, ...]:
+    """Return an MJCF file, and all files that it includes or names, in the order of their paths.
+
+    Raises:
+      MotionError: as ``error``: as :func:`check_mjcf`.
+    """
+    reader = _Reader(error)
+    reader.read(Path(path), ())
+    return tuple(sorted(reader.files))
+
+
 class _Reader:
     """Goes through a file and those that it includes, and counts."""
 
     def __init__(self, error: type[MotionError]) -> None:
         self._error = error
         self._elements = 0
+        self.files: set[Path] = set()
 
     def read(self, path: Path, above: tuple[Path, ...]) -> None:
+        self.files.add(path.resolve())
         try:
             if path.stat().st_size > MOST_MJCF:
                 raise self._error(f"'{path}' is larger than {MOST_MJCF:,} bytes: it is no model")
@@ -201,6 +214,7 @@ class _File:
                     head = opened.read(32)
             except (OSError, ValueError):
                 continue
+            self._reader.files.add(place.resolve())
             if size > MOST_ASSET:
                 raise self._fault(
                     f"'{file}' has {size:,} bytes: at most {MOST_ASSET:,} can be read"

@@ -53,6 +53,7 @@ COMMANDS = (
     "transition",
     "join",
     "rope",
+    "batch",
 )
 
 
