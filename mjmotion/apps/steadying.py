@@ -25,9 +25,7 @@ Array = NDArray[np.float64]
 
 LEVELS_FROM = 1  # of the default levels the coarsest is left out: its knots are wider than a sway
 ROUNDS = 2  # times that the root makes up for what the legs do
-SLOW = (
-    0.35  # what the mass does more slowly than this is left: it lies otherwise, on raised legs [s]
-)
+SLOW = 0.35  # what the mass does more slowly than this is left: it lies otherwise, on raised legs [s]
 QUICK = 0.04  # and what it does more quickly: that is no sway [s]
 MOST = 0.03  # the most that the root goes aside for it [m]
 SHARE = 0.8  # of the way that it goes: the mass moves about as much as the root
@@ -61,7 +59,9 @@ def steadied(
     for _ in range(ROUNDS):
         off = _band(_mass(result.motion) - wanted, plan.source.fps)
         moved = shifted(result.motion, -SHARE * MOST * np.tanh(off / MOST))
-        again = fit(moved, asked, levels=levels, ik=solver, clearance=clearance, first_guess=False)
+        again = fit(
+            moved, asked, levels=levels, ik=solver, clearance=clearance, first_guess=False
+        )
         trace = whole((result.trace, again.trace))
         result = dataclasses.replace(again, trace=trace)
     return result

@@ -130,7 +130,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _batch(args: argparse.Namespace) -> Batch:
-    from mjmotion.apps.batch.jobs import Batch, Settings, as_thresholds
+    from mjmotion.apps.batch.inputs import make_batch
+    from mjmotion.apps.batch.jobs import Settings, as_thresholds
     from mjmotion.validation import THRESHOLDS, read_thresholds
 
     wanted = read_thresholds(args.threshold)
@@ -149,7 +150,7 @@ def _batch(args: argparse.Namespace) -> Batch:
         thresholds=as_thresholds(changed),
         report=not args.no_report and not args.shards,
     )
-    return Batch.of(
+    return make_batch(
         args.clips, args.scenes, args.characters, terrains=args.terrains, settings=settings
     )
 
@@ -183,7 +184,8 @@ def _tell(counts: Counts, out: str) -> int:
 
 def _summary(args: argparse.Namespace) -> int:
     from mjmotion.apps.batch import open_storage
-    from mjmotion.apps.batch.summary import summarise, write_page
+    from mjmotion.apps.batch.page import write_page
+    from mjmotion.apps.batch.summary import summarise
     from mjmotion.cli.terminal import Bar, say
 
     storage = open_storage(args.summary)

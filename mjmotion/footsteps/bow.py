@@ -20,7 +20,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.body.parts import Parts
 from mjmotion.exceptions import ModelError
 from mjmotion.ik.solver import Clearance
-from mjmotion.numerics.rotations import cross
+from mjmotion.numerics.rotations import cross, rotate
 from mjmotion.numerics.smoothing import envelope
 from mjmotion.numerics.tangent import oplus
 

@@ -174,9 +174,7 @@ def find_footholds(
     Raises:
       SceneError: there is nothing to stand on within reach of a stance.
     """
-    return _in_turn(
-        stances, feet, ground, lambda before: start_height if before is None else before
-    )
+    return _in_turn(stances, feet, ground, lambda before: start_height if before is None else before)
 
 
 def footholds_at(

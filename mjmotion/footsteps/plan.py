@@ -258,6 +258,7 @@ def _on_ground(
         Kinematics(clip.model, clip.nframe).forward(clip.qpos) for clip in (source, recorded)
     )
 
+
     def planned(index: int, detour: Detour | None = None) -> FootPath:
         more = loose[index] if loose else None
         if more is not None and more.any():

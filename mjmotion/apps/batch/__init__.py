@@ -1,8 +1,8 @@
 """Thousands at once: all clips on all scenes with all characters, resumed, on any number of cores.
 
-    batch = Batch.of(["recordings/*.bvh"], terrains=100)
-    with open_storage("out/all") as storage, Processes(2) as executor:
-        counts = run_batch(batch, storage, executor)
+    batch = make_batch(["recordings/*.bvh"], terrains=100)
+    with Processes(2) as executor:
+        counts = run_batch(batch, open_storage("out/all"), executor)
 
 A *job* is one clip on one scene with one character. Each is one call of :func:`mjmotion.adapt`, and
 fails alone. What is done is known by a hash of what it was made from, and is not done again. Where
@@ -11,6 +11,7 @@ workers of a Dask cluster; what they do is the same function.
 """
 
 from mjmotion.apps.batch.executors import Executor, Processes
+from mjmotion.apps.batch.inputs import make_batch
 from mjmotion.apps.batch.jobs import Batch, Job, Settings, Source
 from mjmotion.apps.batch.run import Counts, run_batch
 from mjmotion.apps.batch.storage import open_storage
@@ -23,6 +24,7 @@ __all__ = [
     "Processes",
     "Settings",
     "Source",
+    "make_batch",
     "open_storage",
     "run_batch",
 ]

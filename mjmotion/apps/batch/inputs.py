@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from urllib.parse import unquote
 
-from mjmotion.apps.batch.jobs import Source, digest, file_digest
+from mjmotion.apps.batch.jobs import Batch, Settings, Source, digest, file_digest
 from mjmotion.apps.batch.storage import is_address, plain_path, remote
 from mjmotion.body.assets import asset_names, find_asset
 from mjmotion.boundary.mjcf import mjcf_files
@@ -18,6 +18,35 @@ from mjmotion.exceptions import BatchError, ModelError, MotionError, SceneError,
 
 _GLOB = re.compile(r"[*?\[]")
 _ERRORS = {"scene": SceneError, "model": ModelError}
+
+
+def make_batch(
+    clips: Sequence[str | Path],
+    scenes: Sequence[str | Path] = (),
+    characters: Sequence[str | Path] = ("humanoid",),
+    *,
+    terrains: int = 0,
+    settings: Settings | None = None,
+) -> Batch:
+    """Return the batch of what is named.
+
+    Args:
+      clips: files, globs, fsspec addresses or built-in names.
+      scenes: MJCF files, globs, or names of ours.
+      characters: MJCF files, globs, or names of ours.
+      terrains: how many of the paper's terrains are made besides, with seeds from 1.
+      settings: how it is done.
+
+    Raises:
+      BatchError: a glob that finds nothing, a file that is not there, two of one name.
+    """
+    settings = Settings() if settings is None else settings
+    return Batch(
+        find_clips(clips, settings.asf is None),
+        find_models("scene", scenes) + make_terrains(terrains),
+        find_models("model", characters),
+        settings,
+    )
 
 
 def find_clips(named: Iterable[str | Path], with_skeletons: bool = True) -> tuple[Source, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import mujoco
@@ -134,38 +134,6 @@ class Batch:
 
     def __len__(self) -> int:
         return len(self.clips) * len(self.scenes) * len(self.characters)
-
-    @classmethod
-    def of(
-        cls,
-        clips: Sequence[str | Path],
-        scenes: Sequence[str | Path] = (),
-        characters: Sequence[str | Path] = ("humanoid",),
-        *,
-        terrains: int = 0,
-        settings: Settings | None = None,
-    ) -> Batch:
-        """Return the batch of what is named.
-
-        Args:
-          clips: files, globs, fsspec addresses or built-in names.
-          scenes: MJCF files, globs, or names of ours.
-          characters: MJCF files, globs, or names of ours.
-          terrains: how many of the paper's terrains are made besides, with seeds from 1.
-          settings: how it is done.
-
-        Raises:
-          BatchError: a glob that finds nothing, a file that is not there, two of one name.
-        """
-        from mjmotion.apps.batch.inputs import find_clips, find_models, make_terrains
-
-        settings = Settings() if settings is None else settings
-        return cls(
-            find_clips(clips, settings.asf is None),
-            find_models("scene", scenes) + make_terrains(terrains),
-            find_models("model", characters),
-            settings,
-        )
 
     def jobs(self) -> Iterator[Job]:
         """Yield every job, in an order in which a worker reads and compiles little.

@@ -3,17 +3,76 @@
 from __future__ import annotations
 
 import base64
+import tempfile
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
+from mjmotion.apps.batch.jobs import Source
+from mjmotion.apps.batch.making import composed_at
+from mjmotion.apps.batch.rows import Row
+from mjmotion.apps.batch.shards import copy_files
+from mjmotion.apps.batch.storage import Storage
 from mjmotion.apps.batch.summary import Spread, Summary
+from mjmotion.body.character import Character
+from mjmotion.body.motion import Motion
+from mjmotion.boundary.words import first_line
+from mjmotion.exceptions import MotionError
+from mjmotion.footsteps.contacts import load_contacts
+from mjmotion.numerics.progress import Progress, no_progress
+from mjmotion.output.folder import CONTACTS, MODEL, MOTION
 from mjmotion.output.report.page import CSS, escape
+from mjmotion.output.report.summary import png_bytes
 from mjmotion.validation.text import number
 from mjmotion.validation.thresholds import THRESHOLDS
 
+PAGE = "summary.html"
+STRIPS = 8
+"""Strips that are drawn at most: each takes a second."""
 _WIDTH, _HEIGHT, _BINS = 360, 90, 36  # of a histogram [px], and its bars
 _MOST_ERRORS = 20
+
+
+def write_page(storage: Storage, summary: Summary, progress: Progress = no_progress) -> str:
+    """Write ``summary.html``: one page that needs nothing else; return its name.
+
+    Args:
+      storage: of the batch.
+      summary: of it.
+      progress: told of the strips of poses.
+
+    Raises:
+      OSError: it cannot be written.
+    """
+    strips: dict[str, bytes | str] = {}
+    # Those first that miss a threshold, and most of them.
+    order = sorted(summary.spreads, key=lambda spread: -spread.broken)
+    jobs = list(dict.fromkeys(spread.worst[0][0] for spread in order))[:STRIPS]
+    for done, job in enumerate(jobs):
+        progress("strips of the worst", done, len(jobs))
+        strips[job] = strip_of(storage, summary.worst[job])
+    storage.write(PAGE, page(summary, strips).encode("utf-8"))
+    return PAGE
+
+
+def strip_of(storage: Storage, row: Row) -> bytes | str:
+    """Return a strip of poses of a job as PNG, or why there is none, as one line."""
+    from mjmotion.output.video import render_strip
+
+    try:
+        with tempfile.TemporaryDirectory(prefix="mjmotion-") as name:
+            folder = Path(name)
+            copy_files(storage, row, folder)
+            body: str | Path | Character = folder / MODEL
+            if not (folder / MODEL).is_file():
+                parts = [(row[kind], row[f"{kind}_from"]) for kind in ("character", "scene")]
+                body = composed_at(*(Source.at(*part) for part in parts))
+            motion = Motion.load(folder / MOTION, body)
+            contacts = load_contacts(folder / CONTACTS, motion.model, motion.nframe)
+            return png_bytes(render_strip(motion, contacts=contacts))
+    except (MotionError, OSError) as error:
+        return first_line(error)
 
 
 def page(summary: Summary, strips: Mapping[str, bytes | str]) -> str:

@@ -1,41 +1,26 @@
-"""How the figures of a batch spread, and which jobs are worst: as lines, and as one page.
-
-summary = summarise(open_storage("out/all"))
-summary.lines()
-write_page(storage, summary)
-"""
+"""How the figures of a batch spread, and which jobs are worst: `summarise(storage).lines()`."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import tempfile
 from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.apps.batch.jobs import Source
 from mjmotion.apps.batch.record import Record
 from mjmotion.apps.batch.rows import Row, is_failed
-from mjmotion.apps.batch.shards import copy_files
 from mjmotion.apps.batch.storage import Storage
-from mjmotion.body.character import Character
-from mjmotion.boundary.words import first_line, one_line
-from mjmotion.exceptions import BatchError, MotionError
-from mjmotion.numerics.progress import Progress, no_progress
-from mjmotion.output.folder import MODEL, MOTION
+from mjmotion.boundary.words import one_line
+from mjmotion.exceptions import BatchError
 from mjmotion.validation.result import LABELS
 from mjmotion.validation.text import number
 from mjmotion.validation.thresholds import AT_LEAST, THRESHOLDS, Threshold
 
-PAGE = "summary.html"
 WORST = 3
 """Worst jobs of a figure that are named."""
-STRIPS = 8
-"""Strips that are drawn at most: each takes a second."""
 
 Array = NDArray[np.float64]
 
@@ -160,51 +145,3 @@ def _spread(name: str, values: Array, jobs: list[str], broken: int) -> Spread | 
     order = there[np.argsort(-badness(name)(values[there]), kind="stable")]
     worst = tuple((jobs[index], float(values[index])) for index in order[:WORST])
     return Spread(name, np.sort(values[there]), worst, broken)
-
-
-def write_page(storage: Storage, summary: Summary, progress: Progress = no_progress) -> str:
-    """Write ``summary.html``: one page that needs nothing else; return its name.
-
-    Args:
-      storage: of the batch.
-      summary: of it.
-      progress: told of the strips of poses.
-
-    Raises:
-      OSError: it cannot be written.
-    """
-    from mjmotion.apps.batch.page import page
-
-    strips: dict[str, bytes | str] = {}
-    # Those first that miss a threshold, and most of them.
-    order = sorted(summary.spreads, key=lambda spread: -spread.broken)
-    jobs = list(dict.fromkeys(spread.worst[0][0] for spread in order))[:STRIPS]
-    for done, job in enumerate(jobs):
-        progress("strips of the worst", done, len(jobs))
-        strips[job] = strip_of(storage, summary.worst[job])
-    storage.write(PAGE, page(summary, strips).encode("utf-8"))
-    return PAGE
-
-
-def strip_of(storage: Storage, row: Row) -> bytes | str:
-    """Return a strip of poses of a job as PNG, or why there is none, as one line."""
-    from mjmotion.apps.batch.making import composed_at
-    from mjmotion.body.motion import Motion
-    from mjmotion.footsteps.contacts import load_contacts
-    from mjmotion.output.folder import CONTACTS
-    from mjmotion.output.report.summary import png_bytes
-    from mjmotion.output.video import render_strip
-
-    try:
-        with tempfile.TemporaryDirectory(prefix="mjmotion-") as name:
-            folder = Path(name)
-            copy_files(storage, row, folder)
-            body: str | Path | Character = folder / MODEL
-            if not (folder / MODEL).is_file():
-                parts = [(row[kind], row[f"{kind}_from"]) for kind in ("character", "scene")]
-                body = composed_at(*(Source.at(*part) for part in parts))
-            motion = Motion.load(folder / MOTION, body)
-            contacts = load_contacts(folder / CONTACTS, motion.model, motion.nframe)
-            return png_bytes(render_strip(motion, contacts=contacts))
-    except (MotionError, OSError) as error:
-        return first_line(error)

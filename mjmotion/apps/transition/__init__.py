@@ -18,8 +18,8 @@ from mjmotion.apps.transition.joining import (
 )
 from mjmotion.apps.transition.overlap import Overlap, find_overlap
 from mjmotion.apps.transition.sampling import resample, resample_contacts
-from mjmotion.apps.transition.warp import Warp, find_warp
 from mjmotion.body.sampling import sample
+from mjmotion.apps.transition.warp import Warp, find_warp
 
 __all__ = [
     "Blend",

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.apps.transition.overlap import headings
+from mjmotion.body.sampling import sample
 from mjmotion.apps.transition.warp import Warp
 from mjmotion.body.kinematics import site_id, site_positions
 from mjmotion.body.motion import Motion
-from mjmotion.body.sampling import sample
 from mjmotion.footsteps.contacts import Contact, contact_mask
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.numerics.tangent import ominus, oplus
