@@ -59,6 +59,10 @@ class EditorError(MotionError):
     """The editor's page cannot be served: no Studio, a port in use, an address that is not here."""
 
 
+class BatchError(MotionError):
+    """A batch cannot begin or go on: no clips, two jobs of one name, no scheduler."""
+
+
 class OutputError(MotionError):
     """A result cannot be written, or would overwrite an earlier one."""
 

@@ -77,6 +77,7 @@ def adapt(  # more than eight parameters: all but the first two have a default
     levels: Sequence[float] | None = None,
     tolerance: float = TOLERANCE,
     ik: str | IKSolver = "hybrid",
+    composed: Character | None = None,
     progress: Progress = no_progress,
 ) -> Result:
     """Adapt a walk to a scene; it stays on the character that it is on.
@@ -94,6 +95,8 @@ def adapt(  # more than eight parameters: all but the first two have a default
       levels: frames a knot of each level, coarse to fine.
       tolerance: refinement stops once no constraint is off by more [m].
       ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
+      composed: the character in that scene, where :func:`mjmotion.scene.compose` has made it
+        already for another clip.
       progress: called with stage, done, of.
 
     Raises:
@@ -105,7 +108,7 @@ def adapt(  # more than eight parameters: all but the first two have a default
     motion, scene = as_clip(clip), Scene.of(scene).at_rest()
     motion = set_off(motion) if heading == "start" else motion
     check_constraints(constraints)
-    composed = compose(motion.character, scene)
+    composed = compose(motion.character, scene) if composed is None else composed
     progress("contacts and footholds", 0, 0)
     plan = make_plan(motion, scene, contacts, planning)
     if free_footholds:

@@ -64,6 +64,17 @@ def check_mjcf(path: str | Path, error: type[MotionError]) -> None:
     _Reader(error).read(Path(path), ())
 
 
+def mjcf_files(path: str | Path, error: type[MotionError]) -> tuple[Path, ...]:
+    """Return an MJCF file, and all files that it includes or names, in the order of their paths.
+
+    Raises:
+      MotionError: as ``error``: as :func:`check_mjcf`.
+    """
+    reader = _Reader(error)
+    reader.read(Path(path), ())
+    return tuple(sorted(reader.files))
+
+
 class _Reader:
     """Goes through a file and those that it includes, and counts."""
 
@@ -71,8 +82,10 @@ class _Reader:
         self._error = error
         self._elements = 0
         self._points: Counter[str] = Counter()
+        self.files: set[Path] = set()
 
     def read(self, path: Path, above: tuple[Path, ...]) -> None:
+        self.files.add(path.resolve())
         data = file_bytes(path, "MJCF file", MOST_MJCF, self._error)
         if not data.strip():
             raise self._error(f"MJCF file '{path}' is empty")
@@ -233,6 +246,7 @@ class _File:
                 raise self._fault(f"'{file}' cannot be read: {first_line(error)}") from None
             except self._error as error:
                 raise self._fault(str(error)) from None
+            self._reader.files.add(place.resolve())
             if size > MOST_ASSET:
                 raise self._fault(
                     f"'{file}' has {size:,} bytes: at most {MOST_ASSET:,} can be read"

@@ -54,6 +54,7 @@ COMMANDS = (
     "transition",
     "join",
     "rope",
+    "batch",
 )
 
 

@@ -29,10 +29,15 @@ class Bar:
     """What is being done, and how far it is, on stderr; nothing where that is no terminal.
 
     A :data:`mjmotion.numerics.progress.Progress`, to be given to whatever takes one.
+
+    Args:
+      rate: whether it says how many of what it counts are done in a second.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rate: bool = False) -> None:
         from tqdm import tqdm
+
+        self._counted = _COUNTED.replace("]", ", {rate_fmt}]") if rate else _COUNTED
 
         self._make = partial(tqdm, leave=False, disable=None, file=sys.stderr)
         self._bar: Any = None
@@ -44,7 +49,7 @@ class Bar:
             self.__exit__()
             self._shown = (stage, of)
             self._bar = (
-                self._make(desc=stage, total=of, bar_format=_COUNTED)
+                self._make(desc=stage, total=of, bar_format=self._counted)
                 if of
                 else self._make(desc=f"{stage} …", total=1, bar_format="{desc}")
             )

@@ -24,7 +24,7 @@ def escape(text: str) -> str:
 
 Picture = NDArray[np.uint8] | bytes
 
-_CSS = """
+CSS = """
 :root { color-scheme: light dark; --ink: #1d2127; --soft: #5d6570; --line: #dde1e6;
   --paper: #ffffff; --panel: #f6f7f9; --good: #26794a; --bad: #b93333; }
 @media (prefers-color-scheme: dark) { :root { --ink: #e4e7eb; --soft: #9aa3ae; --line: #343a43;
@@ -51,6 +51,7 @@ td.n, th.n { text-align: right; white-space: nowrap; } td.w { white-space: nowra
 svg { display: block; color: var(--ink); height: auto; } svg text { font-family: inherit; }
 details { margin-top: .75rem; } summary { cursor: pointer; color: var(--soft); }
 """
+"""How all pages of the project look."""
 
 
 def page(report: ReportData, poses: Sequence[Picture] = (), why_no_poses: str = "") -> str:
@@ -107,7 +108,7 @@ def page(report: ReportData, poses: Sequence[Picture] = (), why_no_poses: str = 
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(report.title)}</title>\n<style>{_CSS}</style>\n</head>\n"
+        f"<title>{escape(report.title)}</title>\n<style>{CSS}</style>\n</head>\n"
         f"<body>\n{body}\n</body>\n</html>\n"
     )
 

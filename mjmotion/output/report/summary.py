@@ -49,10 +49,15 @@ def summary_html(
     )
 
 
-def _png_url(picture: NDArray[np.uint8]) -> str:
-    """Return a picture as a URL that holds all of it."""
+def png_bytes(picture: NDArray[np.uint8]) -> bytes:
+    """Return a picture (height, width, 3) as a PNG file."""
     from PIL import Image  # only where there are pictures
 
     stream = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(picture, dtype=np.uint8)).save(stream, "PNG")
-    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+    return stream.getvalue()
+
+
+def _png_url(picture: NDArray[np.uint8]) -> str:
+    """Return a picture as a URL that holds all of it."""
+    return "data:image/png;base64," + base64.b64encode(png_bytes(picture)).decode("ascii")
