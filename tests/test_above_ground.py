@@ -15,7 +15,8 @@ from mjmotion.footsteps.above_ground import above_ground
 from mjmotion.footsteps.lean import LEAN, leaning
 from mjmotion.footsteps.paths import FootPath
 from mjmotion.footsteps.pelvis import FOLDED, within_reach
-from mjmotion.footsteps.plan import Plan, make_plan
+from mjmotion.footsteps.plan import Plan
+from mjmotion.footsteps.planning import make_plan
 from mjmotion.numerics.rotations import rotate
 from mjmotion.scene import Scene, flat
 

@@ -29,7 +29,7 @@ from mjmotion.exceptions import (
     SceneError,
 )
 from mjmotion.footsteps.contacts import Contact, detect_contacts
-from mjmotion.footsteps.plan import make_plan, place
+from mjmotion.footsteps.planning import make_plan, place
 from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.tangent import ominus

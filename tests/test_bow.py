@@ -19,7 +19,7 @@ from mjmotion.fitting import Fit
 from mjmotion.footsteps import obstacles as obstacles_module
 from mjmotion.footsteps.bow import bow
 from mjmotion.footsteps.obstacles import ObstacleClearance, find_obstacles
-from mjmotion.footsteps.plan import make_plan
+from mjmotion.footsteps.planning import make_plan
 from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.ik.solver import Inequalities
 from mjmotion.output.result import Result

@@ -15,7 +15,8 @@ from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.motion import Motion
 from mjmotion.fitting import Fit, fit
 from mjmotion.footsteps.clearances import BodyClearances, pushed_clear
-from mjmotion.footsteps.plan import Plan, make_plan
+from mjmotion.footsteps.plan import Plan
+from mjmotion.footsteps.planning import make_plan
 from mjmotion.footsteps.self_clearance import APART, SelfClearance, self_pairs
 from mjmotion.footsteps.surfaces import SKIN, SurfaceClearance, find_surfaces
 from mjmotion.ik import make_solver

@@ -15,7 +15,7 @@ from mjmotion import Motion, adapt, load_clip
 from mjmotion.apps.adaptation import NEVER_MET
 from mjmotion.exceptions import FitError
 from mjmotion.footsteps.heading import heading, never_met, set_off
-from mjmotion.footsteps.plan import make_plan
+from mjmotion.footsteps.planning import make_plan
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.output.reading import read_results
 from mjmotion.scene import Scene, from_heights, load_scene

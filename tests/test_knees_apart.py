@@ -18,7 +18,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
 from mjmotion.fitting import fit
 from mjmotion.footsteps.knees_apart import knees_apart
-from mjmotion.footsteps.plan import make_plan
+from mjmotion.footsteps.planning import make_plan
 from mjmotion.numerics.tangent import oplus
 from mjmotion.scene import Scene, flat
 from mjmotion.validation.self_overlap import SelfOverlap, beyond

@@ -20,7 +20,8 @@ from mjmotion.clips import load_clip
 from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import ModelError, MotionError
 from mjmotion.fitting import Fit, fit
-from mjmotion.footsteps.plan import Plan, make_plan, shifted, with_free_footholds
+from mjmotion.footsteps.plan import Plan, shifted
+from mjmotion.footsteps.planning import make_plan, with_free_footholds
 from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.tangent import ominus
 from mjmotion.output.result import Result

@@ -19,7 +19,7 @@ from mjmotion.clips.skeleton import Clip
 from mjmotion.constraints import SiteConstraint
 from mjmotion.fitting import fit
 from mjmotion.footsteps.contacts import Contact, detect_contacts, load_contacts, save_contacts
-from mjmotion.footsteps.plan import make_plan
+from mjmotion.footsteps.planning import make_plan
 from mjmotion.numerics.rotations import exp, from_matrix, multiply, rotate
 from mjmotion.scene import Scene, load_scene
 from mjmotion.scene.builders import flat

@@ -14,8 +14,8 @@ from made_up import walk
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, MotionError, SceneError
 from mjmotion.footsteps.contacts import detect_contacts
-from mjmotion.footsteps.plan import make_plan, place
 from mjmotion.footsteps.plan_file import load_plan, save_plan
+from mjmotion.footsteps.planning import make_plan, place
 from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.output.plan_drawing import draw_plan, plan_svg
 from mjmotion.route.barriers import barrier
@@ -260,8 +260,8 @@ def test_a_gap_bars_and_a_crack_does_not() -> None:
                 name=name, type=BOX, pos=(middle, 0.0, -0.1), size=(half, 3.0, 0.1)
             )
         space = space_of(Scene.from_spec(spec))
-        middle = np.array(((2.0 + 0.5 * gap, 0.0),))
-        assert bool(space.lack(middle, np.full(5, 0.12))[0] > 0.0) == barred
+        between = np.array(((2.0 + 0.5 * gap, 0.0),))
+        assert bool(space.lack(between, np.full(5, 0.12))[0] > 0.0) == barred
 
 
 def test_a_mesh_with_an_arch_is_passed_under() -> None:

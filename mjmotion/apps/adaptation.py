@@ -49,7 +49,8 @@ from mjmotion.footsteps.heading import HEADINGS, never_met, set_off
 from mjmotion.footsteps.lean import leaning
 from mjmotion.footsteps.obstacles import ObstacleClearance
 from mjmotion.footsteps.paths import with_toes
-from mjmotion.footsteps.plan import Plan, make_plan, shifted, with_free_footholds
+from mjmotion.footsteps.plan import Plan, shifted
+from mjmotion.footsteps.planning import make_plan, with_free_footholds
 from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.ik import IKSolver, make_solver
 from mjmotion.ik.solver import default_rigidity

@@ -20,8 +20,9 @@ from mjmotion.exceptions import FitError, OutputError, unknown_name
 from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.given import yaw_of
 from mjmotion.footsteps.heading import HEADINGS, set_off
-from mjmotion.footsteps.plan import Plan, make_plan
+from mjmotion.footsteps.plan import Plan
 from mjmotion.footsteps.plan_file import save_plan
+from mjmotion.footsteps.planning import make_plan
 from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.footsteps.spots import Spots
 from mjmotion.output.plan_drawing import draw_plan, plan_svg

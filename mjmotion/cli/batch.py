@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjmotion.cli.arguments import add_fitting, add_going, add_thresholds, count, rate
+from mjmotion.cli.arguments import add_fitting, add_recording, add_thresholds, count
 
 if TYPE_CHECKING:
     from mjmotion.apps.batch import Batch, Counts, Executor
@@ -82,10 +82,7 @@ def _add_how(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="let each foothold move as a whole to where the walk changes least",
     )
-    parser.add_argument("--mapping", type=Path, help="YAML file: which joint of a clip is which")
-    parser.add_argument("--fps", type=rate, help="rate of clips whose files tell none")
-    parser.add_argument("--asf", type=Path, help="skeleton of AMC files: the one beside each")
-    add_going(parser)
+    add_recording(parser)
     add_thresholds(parser)
 
 
@@ -146,6 +143,7 @@ def _batch(args: argparse.Namespace) -> Batch:
         mapping=str(args.mapping.absolute()) if args.mapping else None,
         asf=str(args.asf.absolute()) if args.asf else None,
         in_place=args.in_place,
+        floor=args.floor,
         loop=args.loop,
         thresholds=as_thresholds(changed),
         report=not args.no_report and not args.shards,

@@ -1,6 +1,6 @@
-"""What a scene asks of a walk, before anything is fitted: footholds, foot paths, the root's way.
+"""What a scene asks of a walk, before anything is fitted: foot paths, the root's way, obstacles.
 
-plan = make_plan(clip, scene)
+plan = on_ground(walk, scene)       # of footholds that are chosen; planning.make_plan chooses them
 plan.constraints(), plan.root_shift, plan.obstacles
 """
 
@@ -17,8 +17,6 @@ from mjmotion.body.kinematics import Kinematics, Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
 from mjmotion.constraints.shared_targets import SharedMove
-from mjmotion.exceptions import ContactError
-from mjmotion.fitting import fit
 from mjmotion.footsteps.above_ground import above_ground
 from mjmotion.footsteps.ankles import (
     SHORTEST,
@@ -28,32 +26,21 @@ from mjmotion.footsteps.ankles import (
     turned_footholds,
 )
 from mjmotion.footsteps.apart import aside
-from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
+from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.footholds import (
     Foothold,
     Stance,
     contacts_of,
-    find_footholds,
-    find_stances,
 )
-from mjmotion.footsteps.given import as_given, cut_to_way, given_way
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
-from mjmotion.footsteps.pace import Pace, find_pace
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
 from mjmotion.footsteps.rests import Rest, find_rests, knee_paths, kneeling, sitting
-from mjmotion.footsteps.settings import PlanSettings
-from mjmotion.footsteps.steps import bend_along, choose_footholds, loose_ends
-from mjmotion.ik import IKSolver
-from mjmotion.numerics.rotations import multiply, yaw_quat
-from mjmotion.route.way import Route, find_route
+from mjmotion.route.way import Route
 from mjmotion.scene import Scene
 from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
-
-OFF_PLANE = 0.03  # further out of its plane than this a free foothold stands on something else [m]
-_HALVINGS = 3  # of a move that would take a foothold there; after the last it stays
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -118,193 +105,15 @@ class Plan:
         return free_footholds(feet, self.stances, self.footholds, self.source.nframe)
 
 
-def place(clip: Motion, scene: Scene) -> Motion:
-    """Return the clip moved to the scene's start: its origin there, its +x along the start's."""
-    return clip.moved(scene.start_yaw, np.zeros(3), scene.start_pos)
-
-
-def make_plan(
-    clip: Motion,
-    scene: Scene,
-    contacts: Sequence[Contact] | None = None,
-    settings: PlanSettings | None = None,
-) -> Plan:
-    """Find out what the scene asks of a walk.
-
-    Args:
-      clip: the walk.
-      scene: where it is to go.
-      contacts: who stands when; found in the clip without.
-      settings: what of the walk may change.
-
-    Raises:
-      ContactError: the clip has no contacts, or the given ones do not fit it.
-      ModelError: the character has no feet.
-      SceneError: no ground under the walk.
-    """
-    settings = PlanSettings() if settings is None else settings
-    scene = scene.at_rest()  # what could move is an obstacle and ground like the rest
-    whole = recorded = place(clip, scene)
-    detected = found = _contacts(whole, contacts)
-    way = given_way(scene, settings)
-    if way is not None:
-        recorded, found = cut_to_way(whole, found, way)
-    # On its own way the recorded feet are still: bent, they slide a little where they stand.
-    keep = isinstance(settings.path, str) and settings.path == "keep"
-    route = find_route(
-        recorded, scene, given=way, keep=keep, climb=settings.climb, avoid=settings.avoid
-    )
-    source = route.bend.apply(recorded) if route.bent else recorded
-    steps = tuple(one for one in found if not one.rests)
-    spots, feet = _stances(source, steps), clip.character.feet
-    ground = scene.ground_without(settings.avoid)
-    footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
-    if settings.footholds is not None:
-        footholds, turns = as_given(settings.footholds, spots, (footholds, turns), feet, ground)
-    pace, bent = Pace.none(source.nframe), source
-    loose: tuple[Array, ...] = ()
-    if turns is not None:
-        if settings.pace != "keep":
-            pace = find_pace(spots, footholds, source.nframe, clip.fps)
-        found, spots, source = pace.contacts(found), pace.stances(spots), pace.apply(source)
-        loose = loose_ends(spots, footholds, source.nframe)
-        bent = bend_along(source, spots, footholds, (turns, loose)).apply(source)
-    # A foot that is in the air at an end of the clip goes where that of the bent clip goes.
-    plan = _on_ground(_Walk(bent, source, found, spots, footholds, loose), scene)
-    return dataclasses.replace(
-        plan,
-        route=route,
-        recorded=pace.apply(recorded) if route.bent or turns is not None else None,
-        original=None if pace.same and whole is recorded else whole,
-        detected=detected,
-    )
-
-
-def _contacts(clip: Motion, contacts: Sequence[Contact] | None) -> tuple[Contact, ...]:
-    """Return who stands when: what is given, or found in the clip."""
-    if contacts is None:
-        found = detect_contacts(clip)
-    else:
-        found = check_contacts(contacts, clip.model, clip.nframe)
-    if not found:
-        raise ContactError(
-            "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
-            " give them with a contacts file"
-        )
-    return found
-
-
-def _taken(
-    clip: Motion, scene: Scene, contacts: Sequence[Contact] | None, settings: PlanSettings
-) -> tuple[Motion, Motion, tuple[Contact, ...], tuple[Contact, ...]]:
-    """Return the clip at the scene's start, what of it a given way takes, and who stands in each.
-
-    Raises:
-      ContactError: there are no contacts, or the given ones do not fit the clip.
-    """
-    whole = recorded = place(clip, scene)
-    found = (
-        detect_contacts(recorded)
-        if contacts is None
-        else check_contacts(contacts, clip.model, clip.nframe)
-    )
-    way, detected = given_way(scene, settings), found
-    if way is not None:
-        recorded = cut_to_way(recorded, way)
-        found = tuple(
-            dataclasses.replace(one, end=min(one.end, recorded.nframe))
-            for one in found
-            if one.start < recorded.nframe
-        )
-    if not found:
-        raise ContactError(
-            "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
-            " give them with a contacts file"
-        )
-    return whole, recorded, detected, found
-
-
-def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
-    """Return the stances of a clip where it is."""
-    pose = Kinematics(clip.model, clip.nframe).forward(clip.qpos)
-    return find_stances(clip, pose, clip.character.feet, contacts)
-
-
-def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid") -> Plan:
-    """Return the plan with footholds where they change the walk least (§7).
-
-    Each foothold is free to move and turn in its own plane as a whole; where the fit takes it, it
-    is put on the ground anew, so that nothing slides and nothing floats. One that would come to
-    stand on another step goes less far.
-
-    Args:
-      plan: the plan with footholds under those of the clip.
-      scene: the same scene.
-      ik: ``"hybrid"``, ``"numeric"`` or a solver of one's own.
-
-    Raises:
-      SceneError: there is nothing to stand on where a foothold went.
-    """
-    shared = plan.free_footholds()
-    moves = fit(
-        plan.source,
-        plan.constraints(),
-        ik=ik,
-        first_guess=plan.root_shift,
-        shared=shared,
-        exact=False,
-    ).moves
-    feet, ground = plan.source.character.feet, scene.ground
-    order = [i for foot in range(len(feet)) for i, s in enumerate(plan.stances) if s.foot == foot]
-    share = np.ones(len(order))
-    for halving in range(_HALVINGS + 1):
-        spots = list(plan.stances)
-        for index, move, found in zip(order, shared, share[:, None] * moves, strict=True):
-            spots[index] = dataclasses.replace(
-                plan.stances[index],
-                source_pos=move.pivot + found[: len(move.directions)] @ move.directions,
-                source_quat=multiply(yaw_quat(found[3]), plan.stances[index].source_quat),
-            )
-        new = find_footholds(spots, feet, ground, float(scene.start_pos[2]))
-        off = np.array([_off_plane(plan.footholds[i], new[i]) > OFF_PLANE for i in order])
-        if not off.any():
-            break
-        share[off] *= 0.5 if halving < _HALVINGS - 1 else 0.0
-    # With every heel again that had to give where it stood before.
-    found = contacts_of(plan.stances, feet)
-    resting = tuple(one.contact for one in plan.rests)
-    walk = _Walk(
-        plan.source,
-        plan.still or plan.source,
-        (*found, *resting),
-        plan.stances,
-        new,
-        plan.loose,
-    )
-    planned = _on_ground(walk, scene)
-    return dataclasses.replace(
-        planned,
-        route=plan.route,
-        recorded=plan.recorded,
-        original=plan.original,
-        detected=plan.detected,
-    )
-
-
-def _off_plane(old: Foothold, new: Foothold) -> float:
-    """How far a foothold left the plane of the one that it was free to move in [m]."""
-    return float(abs((new.position - old.position) @ old.normal))
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Walk:
+class Walk:
     """A walk before its ways from foothold to foothold are planned.
 
     Attributes:
       source: the clip where its root is to go.
       still: the clip along the same way, as its feet are recorded, where they are still.
       contacts: who stands when, and what rests.
-      stances: where the recorded feet stand.
+      stances: where the still feet stand.
       footholds: where they are to stand.
       loose: how much further each foot goes before its first and after its last stance.
       landed: whether it is settled how feet land.
@@ -316,33 +125,25 @@ class _Walk:
     stances: Sequence[Stance]
     footholds: tuple[Foothold, ...]
     loose: tuple[Array, ...] = ()
+    landed: bool = False
 
 
-def _on_ground(walk: _Walk, scene: Scene) -> Plan:
+def on_ground(walk: Walk, scene: Scene) -> Plan:
     """Plan the ways from foothold to foothold, one a stance, and what rests besides."""
-    source, still, ground = walk.source, walk.still, scene.ground
-    stances, footholds, feet = walk.stances, walk.footholds, source.character.feet
-    pose = own = Kinematics(source.model, source.nframe).forward(source.qpos)
-    if still is not source:
-        own = Kinematics(still.model, still.nframe).forward(still.qpos)
-    rests = find_rests(source, pose, walk.contacts, ground)
-    found = tuple(one for one in walk.contacts if not one.rests)
+    source, ground, feet = walk.source, scene.ground, walk.source.character.feet
+    ways = _Ways.of(walk, ground)
+    pose, found = ways.pose, tuple(one for one in walk.contacts if not one.rests)
+    stances, footholds = walk.stances, walk.footholds
 
     def planned(index: int, detour: Detour | None = None) -> FootPath:
-        foot, more = feet[index], walk.loose[index] if walk.loose else None
-        if more is not None and more.any():
-            none = np.zeros(source.nframe)
-            detour = Detour(more, none) if detour is None else detour.and_aside(more)
-        path = foot_path(foot, index, own, stances, footholds, ground, source.fps, detour)
-        path = path if source is still else _against(path, pose, own, more)
-        return kneeling(foot, path, pose, rests, ground, source.fps)
+        return ways.path(index, stances, footholds, detour)
 
     # What feet, ankles and root ask of each other, each told once, the firmest first.
     paths = tuple(planned(index) for index in range(len(feet)))
     shift, _ = root_shift(source, pose, paths, found, ROLLING)
     turned = turned_footholds(shifted(source, shift), feet, paths, stances, footholds)
     flat = tuple(stances)
-    if not landed:
+    if not walk.landed:
         flat = flat_landings(shifted(source, shift), feet, paths, stances)
     if _changed(flat, stances):
         found = contacts_of(flat, feet)
@@ -362,40 +163,21 @@ def _on_ground(walk: _Walk, scene: Scene) -> Plan:
     if _changed(stances, spots[0]):
         details = zip(moves, tips, strict=True)
         paths = tuple(planned(index, Detour(*detail)) for index, detail in enumerate(details))
-    shift, back = root_shift(source, pose, paths, found)
-    near = within_reach(source, pose, paths, found, shift)
-    relaxed, trimmed = relax_ankles(shifted(source, shift), feet, near, found)
-    if relaxed != paths:
-        paths, found = above_ground(feet, relaxed, paths, trimmed, ground, source.fps), trimmed
-        shift, back = root_shift(source, pose, paths, found)
+    paths, found, shift, back = ways.relaxed(paths, found)
     found = trim_toe_contacts(found, feet, paths, (stances, footholds), SHORTEST * source.fps)
-    shift = sitting(shift, rests, source.fps)
+    shift = sitting(shift, ways.rests, source.fps)
     obstacles = find_obstacles(scene.model, source.qpos[:, :3] + shift, footholds)
-    found = tuple(
-        sorted((*found, *(one.contact for one in rests)), key=lambda c: (c.start, c.site))
-    )
+    resting = tuple(one.contact for one in ways.rests)
+    found = tuple(sorted((*found, *resting), key=lambda one: (one.start, one.site)))
     return Plan(
         *(source, found, paths, tuple(stances), footholds, shift, obstacles),
         ground=ground,
         back=back,
-        still=None if source is still else still,
+        still=None if source is walk.still else walk.still,
         loose=walk.loose,
-        rests=rests,
-        knees=tuple(knee_paths(source, pose, paths, rests, ground)),
+        rests=ways.rests,
+        knees=tuple(knee_paths(source, pose, paths, ways.rests, ground)),
     )
-
-
-def _relaxed(
-    source: Motion, pose: Pose, paths: tuple[FootPath, ...], found: tuple[Contact, ...]
-) -> tuple[tuple[FootPath, ...], tuple[Contact, ...], Array]:
-    """Return paths within reach that ankles can follow, the contacts left, and the root's shift."""
-    shift = root_shift(source, pose, paths, found)
-    paths = within_reach(source, pose, paths, found, shift)
-    feet = source.character.feet
-    relaxed, trimmed = relax_ankles(shifted(source, shift), feet, paths, found)
-    if relaxed == paths:
-        return paths, found, shift
-    return relaxed, trimmed, root_shift(source, pose, relaxed, trimmed)
 
 
 def _changed(new: Sequence[object], old: Sequence[object]) -> bool:
@@ -405,23 +187,22 @@ def _changed(new: Sequence[object], old: Sequence[object]) -> bool:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Ways:
-    """What foot paths are made of: a clip, and the same as recorded, where its feet are still."""
+    """What foot paths are made of: a walk, its poses and those of still feet, and what rests."""
 
-    source: Motion
+    walk: Walk
     pose: Pose
     own: Pose
     ground: Ground
-    loose: tuple[Array, ...]
+    rests: tuple[Rest, ...]
 
     @classmethod
-    def of(
-        cls, source: Motion, recorded: Motion, ground: Ground, loose: tuple[Array, ...]
-    ) -> _Ways:
+    def of(cls, walk: Walk, ground: Ground) -> _Ways:
         """Return them, posed."""
-        pose, own = (
-            Kinematics(clip.model, clip.nframe).forward(clip.qpos) for clip in (source, recorded)
-        )
-        return cls(source, pose, own, ground, loose)
+        source, still = walk.source, walk.still
+        pose = own = Kinematics(source.model, source.nframe).forward(source.qpos)
+        if still is not source:
+            own = Kinematics(still.model, still.nframe).forward(still.qpos)
+        return cls(walk, pose, own, ground, find_rests(source, pose, walk.contacts, ground))
 
     def path(
         self,
@@ -430,16 +211,32 @@ class _Ways:
         footholds: Sequence[Foothold],
         detour: Detour | None,
     ) -> FootPath:
-        """Return the path of foot number ``index``, its shift against the clip."""
-        foot, fps = self.source.character.feet[index], self.source.fps
-        more = self.loose[index] if self.loose else np.zeros((self.source.nframe, 3))
+        """Return the path of foot number ``index``, its shift against the walk's source."""
+        source = self.walk.source
+        foot, fps = source.character.feet[index], source.fps
+        more = self.walk.loose[index] if self.walk.loose else np.zeros((source.nframe, 3))
         if more.any():
-            none = np.zeros(self.source.nframe)
+            none = np.zeros(source.nframe)
             detour = Detour(more, none) if detour is None else detour.and_aside(more)
         path = foot_path(foot, index, self.own, stances, footholds, self.ground, fps, detour)
-        site = site_id(self.pose.model, path.site)
-        way = self.own.site_xpos[:, site] - self.pose.site_xpos[:, site]
-        return dataclasses.replace(path, shift=path.shift + way + more)
+        if self.own is not self.pose:
+            site = site_id(self.pose.model, path.site)
+            way = self.own.site_xpos[:, site] - self.pose.site_xpos[:, site]
+            path = dataclasses.replace(path, shift=path.shift + way + more)
+        return kneeling(foot, path, self.pose, self.rests, self.ground, fps)
+
+    def relaxed(
+        self, paths: tuple[FootPath, ...], found: tuple[Contact, ...]
+    ) -> tuple[tuple[FootPath, ...], tuple[Contact, ...], Array, Array]:
+        """Return paths in reach that ankles can follow, contacts left, and the root's shifts."""
+        source, feet = self.walk.source, self.walk.source.character.feet
+        shift, back = root_shift(source, self.pose, paths, found)
+        near = within_reach(source, self.pose, paths, found, shift)
+        relaxed, trimmed = relax_ankles(shifted(source, shift), feet, near, found)
+        if relaxed == paths:
+            return paths, found, shift, back
+        paths = above_ground(feet, relaxed, paths, trimmed, self.ground, source.fps)
+        return paths, trimmed, *root_shift(source, self.pose, paths, trimmed)
 
 
 def with_ends(

@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 from mjmotion.clips import load_clip
-from mjmotion.footsteps.plan import Plan, make_plan
+from mjmotion.footsteps.plan import Plan
+from mjmotion.footsteps.planning import make_plan
 from mjmotion.paper.job import Job
 from mjmotion.scene import load_scene
 

@@ -21,7 +21,7 @@ from mjmotion.clips.gait_plan import Segment
 from mjmotion.clips.sneak import make_sneak
 from mjmotion.constraints import SiteConstraint
 from mjmotion.footsteps.contacts import Contact
-from mjmotion.footsteps.plan import make_plan
+from mjmotion.footsteps.planning import make_plan
 from mjmotion.output.result import Result
 from mjmotion.paper.job import Job
 from mjmotion.scene import load_scene

@@ -23,7 +23,7 @@ from mjmotion.clips import load_clip
 from mjmotion.constraints.shared_targets import SharedMove
 from mjmotion.constraints.unmet import residuals
 from mjmotion.fitting import Fit
-from mjmotion.footsteps.plan import make_plan
+from mjmotion.footsteps.planning import make_plan
 from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.tangent import ominus
 from mjmotion.paper.figures import Figure

@@ -56,7 +56,7 @@ class Settings:
 
     Attributes:
       levels, tolerance, ik, heading, free_footholds: of the fit.
-      fps, mapping, asf, in_place, loop: of reading clips.
+      fps, mapping, asf, in_place, loop, floor: of reading clips.
       thresholds: changes to the default thresholds, by name, as pairs.
       report: write everything of a result with its report, or motion and figures only.
     """
@@ -70,6 +70,7 @@ class Settings:
     mapping: str | None = None
     asf: str | None = None
     in_place: str | float | None = None
+    floor: str = "auto"
     loop: int = 1
     thresholds: tuple[tuple[str, object], ...] = ()
     report: bool = True

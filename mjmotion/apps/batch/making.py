@@ -227,5 +227,6 @@ def _load(path: Path, character: Character, settings: Settings) -> Motion:
         fps=settings.fps,
         asf=settings.asf,
         in_place=settings.in_place,
+        floor=settings.floor,
         loop=settings.loop,
     )

@@ -26,7 +26,7 @@ from mjmotion.constraints import SiteConstraint
 from mjmotion.footsteps.contacts import Contact, contact_mask
 from mjmotion.footsteps.paths import with_toes
 from mjmotion.footsteps.pelvis import DROP_TIME, LEAST_HEIGHT, REACH_FREE, REACH_MOST
-from mjmotion.footsteps.plan import make_plan
+from mjmotion.footsteps.planning import make_plan
 from mjmotion.numerics.rotations import conjugate, multiply, rotate, yaw_quat
 from mjmotion.numerics.smoothing import cover
 from mjmotion.scene import load_scene

@@ -39,7 +39,8 @@ from mjmotion.footsteps.contacts import (
 from mjmotion.footsteps.obstacles import find_obstacles
 from mjmotion.footsteps.paths import FootPath
 from mjmotion.footsteps.pelvis import mean_shift
-from mjmotion.footsteps.plan import Plan, place, shifted
+from mjmotion.footsteps.plan import Plan, shifted
+from mjmotion.footsteps.planning import place
 from mjmotion.ik import IKSolver
 from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.progress import Progress, no_progress

@@ -32,7 +32,7 @@ from mjmotion.clips import load_clip
 from mjmotion.exceptions import ClipError, ModelError, wrong_type
 from mjmotion.fitting import TOLERANCE
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
-from mjmotion.footsteps.plan import make_plan
+from mjmotion.footsteps.planning import make_plan
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.output.result import Result
