@@ -1,6 +1,7 @@
-"""Record the editor's page while a hand and the pelvis are dragged: docs/images/editor.{jpg,webp}.
+"""Record the editor's page while bodies are dragged: docs/images/editor.webp, and editor.jpg.
 
 python scripts/record_editor.py          # needs a chromium, and playwright of the dev extra
+python scripts/record_editor.py --still
 """
 
 from __future__ import annotations
@@ -161,17 +162,23 @@ class Recorder:
 
 
 def record(recorder: Recorder) -> list[Image.Image]:
-    """Go through it, and return the pictures of the recording, and that for the README."""
+    """Go through it, and return the pictures."""
     recorder.resize(SIZE)
     recorder.scrub(range(FRAME - AROUND, FRAME + 1, 12))
     recorder.drag("pelvis", (0.0, 24.0), 4)
     recorder.drag("right_hand", (60.0, -80.0), 6)
     recorder.scrub(range(FRAME - AROUND, FRAME + AROUND, 8))
-    recorded = list(recorder.pictures)
+    return recorder.pictures
+
+
+def portray(recorder: Recorder) -> list[Image.Image]:
+    """Lift a hand, and return pictures of which the last is the README's."""
     recorder.resize(LARGE)
     recorder.scrub([FRAME])
+    recorder.drag("right_hand", (60.0, -80.0), 1)
     recorder.tab.wait_for_timeout(4000)  # the figures are measured
-    return [*recorded, recorder.picture()]
+    recorder.picture()
+    return recorder.pictures
 
 
 def main() -> None:
@@ -179,6 +186,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("docs/images"), help="the folder")
     parser.add_argument("--page", action="store_true", help="only serve the page")
+    parser.add_argument("--still", action="store_true", help="the picture for the README instead")
     options = parser.parse_args()
     if options.page:
         page()
@@ -202,11 +210,13 @@ def main() -> None:
                 tab.set_default_timeout(1000.0 * PATIENCE)
                 recorder = Recorder(tab, server)
                 tab.goto(told["address"])
-                *pictures, still = record(recorder)
+                pictures = (portray if options.still else record)(recorder)
                 browser.close()
         finally:
             server.kill()
-    still.save(out / "editor.jpg", quality=STILL_QUALITY)
+    if options.still:
+        pictures[-1].save(out / "editor.jpg", quality=STILL_QUALITY)
+        return
     path = out / "editor.webp"
     pictures[0].save(
         path,

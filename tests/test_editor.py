@@ -458,7 +458,7 @@ def test_figures_are_measured_after_a_while(do: Intents) -> None:
         ("left_forearm", {"left_elbow"}),
         ("right_upper_arm", {"right_elbow"}),
         ("right_shank", {"right_knee"}),
-        ("left_thigh", {"left_knee"}),
+        ("left_thigh", {"left_knee", "pelvis"}),
         ("torso", {"pelvis"}),
         ("neck", {"head_top", "face"}),
         ("left_foot", {"left_heel", "left_toe", "left_foot"}),

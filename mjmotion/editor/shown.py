@@ -102,26 +102,22 @@ class Shown:
     def sites_near(self, body: str) -> tuple[str, ...]:
         """Return the sites on a body, or on that which is the fewest joints away.
 
-        Of two as near it is the one further down the tree: an upper arm is moved by its hand.
+        Of two bodies as near it is those of both: a thigh is moved by its knee or by the pelvis.
         """
         model = self.model
         start = model.body(body).id
         above = _ancestors(model, start)
-        best: tuple[int, bool] | None = None
+        best: int | None = None
         found: list[str] = []
         for name, site in self.sites.items():
             chain = _ancestors(model, int(model.site_bodyid[site]))
             meet = next(i for i, one in enumerate(chain) if one in above)
-            rank = (meet + above.index(chain[meet]), chain[meet] != start)
+            rank = meet + above.index(chain[meet])
             if best is None or rank < best:
                 best, found = rank, []
-            if rank == best and (not found or self._same_body(found[0], name)):
+            if rank == best:
                 found.append(name)
         return tuple(found)
-
-    def _same_body(self, one: str, other: str) -> bool:
-        bodies = self.model.site_bodyid
-        return bool(bodies[self.sites[one]] == bodies[self.sites[other]])
 
     @cached_property
     def feet(self) -> Mapping[str, str]:
