@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import results_page
-from benchmarks import editing, footing, levels, paper, quality, spacetime, speed, startup
+from benchmarks import editing, footing, levels, paper, quality, spacetime, speed, startup, ways
 from benchmarks.figures import markdown, print_figures
 
 from mjmotion.exceptions import MotionError
@@ -25,7 +25,7 @@ from mjmotion.paper.figures import Figure
 from mjmotion.paper.terrain import make_job
 from mjmotion.paper.timing import machine
 
-PARTS = ("quality", "footing", "levels", "speed", "editing", "paper", "spacetime", "cli")
+PARTS = ("quality", "footing", "levels", "speed", "editing", "paper", "spacetime", "ways", "cli")
 PACKAGES = ("mujoco", "numpy", "mink")  # whose versions the page names
 
 
@@ -118,6 +118,10 @@ def measure(
             "\none large optimisation against many small: the terrain job, footholds fixed and free"
         )
         figures += spacetime.run(spacetime.make_jobs(), print_line)
+    if "ways" in parts:
+        for what, seeds in (("tuned on", ways.TUNED), ("held back", ways.HELD_BACK)):
+            print_line(f"\nways by seed, {what}: doors aside, corners, clutter, posts, mazes")
+            figures += ways.run(seeds, print_line, what)
     if "cli" in parts:
         print_line("\nstart")
         figures += startup.run(print_line)

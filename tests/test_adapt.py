@@ -197,12 +197,11 @@ def test_doors_that_cannot_be_passed(door: Doorway) -> None:
     scene = Scene.from_spec(doors((door,), base=flat()))
     result = adapt(clip(), scene, planning=PlanSettings(path="keep"))
     assert result.barred.startswith("there is no way: ") and "door1_" in result.barred
-    assert result.validate().metrics["obstacle_penetration_mm"] > 20.0
     assert result.barred in result.report().notes
     strict = PlanSettings(path="keep", strict=True)
     with pytest.raises(SceneError, match="there is no way") as caught:
         adapt(clip(), scene, planning=strict)
-    assert caught.value.frames and "\n" not in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_no_ground_under_the_walk() -> None:

@@ -10,7 +10,7 @@ import pytest
 from made_up import mixed
 
 from mjmotion.apps.adaptation import adapt
-from mjmotion.apps.clearing import STUCK, what_bars
+from mjmotion.apps.clearing import STUCK, FitSettings, what_bars
 from mjmotion.body.character import Character
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
@@ -177,10 +177,10 @@ def test_a_way_that_is_barred_is_told() -> None:
     clearance = ObstacleClearance(alone.character, door, alone.nframe)
     through = Fit(alone, result.trace, (), np.zeros((0, 4)), None)  # type: ignore[arg-type]
     plan = make_plan(alone, scene("door"), settings=PlanSettings(path="keep"))
-    barred = what_bars(clearance, through, plan, scene("door").model)
+    barred = what_bars(clearance, through, plan, scene("door").model, FitSettings())
     assert barred is not None and barred.what == "lintel 'door1_lintel'"
     assert barred.place[0] == pytest.approx(DOOR, abs=0.4) and barred.short > STUCK
     error = barred.error()
     assert isinstance(error, SceneError) and error.frames == barred.frames
     assert np.abs(alone.qpos[list(error.frames), 0] - DOOR).max() < 0.4
-    assert what_bars(None, through, plan, scene("door").model) is None
+    assert what_bars(None, through, plan, scene("door").model, FitSettings()) is None

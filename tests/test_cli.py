@@ -405,7 +405,7 @@ SCENES: dict[str, tuple[str | None, tuple[str, ...]]] = {
             '<geom type="plane" size="0 0 1"/>'
             '<geom name="beam" type="box" size=".1 30 1.5" pos="1 0 1.9"/>'
         ),
-        ("bars the way", "frames"),
+        ("there is no way: lintel 'beam' bars it",),
     ),
 }
 
@@ -414,7 +414,7 @@ SCENES: dict[str, tuple[str | None, tuple[str, ...]]] = {
 def test_bad_scene(case: str, tmp_path: Path) -> None:
     text, words = SCENES[case]
     scene = "stiars" if text is None else write(tmp_path / "scene.xml", text)
-    refuse(tmp_path, short_clip(tmp_path), scene, words)
+    refuse(tmp_path, short_clip(tmp_path), scene, words, "--strict", "--path", "keep")
 
 
 FILES_GIVEN: dict[str, tuple[str, str, tuple[str, ...]]] = {

@@ -245,8 +245,8 @@ def test_ground_that_is_walked_on_is_no_obstacle() -> None:
     assert space.lack(on, np.full(5, 0.25)) == 0.0
     assert space.ground.at(on)[0] == pytest.approx(8 * 0.17 - 0.17, abs=0.18)
     edge = np.array(((3.0, 1.0),))
-    geom, lack = space.worst(edge[0], np.full(5, 0.12))
-    assert geom == NO_GROUND and lack > 0.0
+    geom, short = space.worst(edge[0], np.full(5, 0.12))
+    assert geom == NO_GROUND and short > 0.0
 
 
 def test_a_gap_bars_and_a_crack_does_not() -> None:

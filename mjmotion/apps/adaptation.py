@@ -113,8 +113,9 @@ def adapt(  # more than eight parameters: all but the first two have a default
     result = fit_plan(plan, composed, constraints, settings)
     path = plan.source.qpos[:, :3] + plan.root_shift
     met = not never_met(path, plan.footholds, scene.model)
-    told = changes(plan) if met else (*changes(plan), NEVER_MET)
-    return dataclasses.replace(result, notes=told) if told else result
+    changed = "" if plan.route is None else plan.route.changed()
+    notes = (*result.notes, changed, *changes(plan), "" if met else NEVER_MET)
+    return dataclasses.replace(result, notes=tuple(note for note in notes if note))
 
 
 def as_clip(clip: Motion | str | Path) -> Motion:
@@ -172,20 +173,18 @@ def fit_plan(
     result = with_knees_apart(plan, result, near, clearance)
     result = with_arms_swung(plan, result, near, clearance, composed)
     result = with_arms_clear(plan, result, near, clearance, composed, settings, solver)
-    barred = what_bars(clearance, result, plan, composed.model)
-    if barred is not None and settings.strict:
-        raise barred.error()
+    barred = what_bars(clearance, result, plan, composed.model, settings)
     # Against what was asked for, not what was brought within reach; free targets where they went.
     wanted = [*plan.constraints(), *with_moves(asked, result.moves)]
     targets = lay_out(wanted, character.model, plan.source.nframe)
     return Result(
-        (plan.recorded or plan.source).on(composed),
-        plan.source.on(composed).replace(with_toes(result.motion, plan.paths).qpos),
+        source := (plan.recorded or plan.source).on(composed),
+        source.replace(with_toes(result.motion, plan.paths).qpos),
         plan.contacts,
         result.trace,
         find_unmet(result.motion, targets, wanted),
         plan=plan if plan.stances else None,
-        barred="" if barred is None else str(barred),
+        barred=str(barred or ""),
         recording=None if plan.original is None else plan.original.on(composed),
     )
 

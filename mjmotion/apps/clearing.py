@@ -32,13 +32,15 @@ from mjmotion.ik import IKSolver
 from mjmotion.ik.solver import Clearance, default_rigidity
 from mjmotion.numerics.progress import Progress, no_progress
 from mjmotion.route.barriers import barrier, no_ground
-from mjmotion.route.free_space import NO_GROUND
+from mjmotion.route.free_space import NO_GROUND, geom_name
+from mjmotion.route.way import Route
 
 Array = NDArray[np.float64]
 
 DUCK_MARGIN = 0.05  # distance kept while the way through is found, more than in the end [m]
 DUCK_ROUNDS = 6  # at most, with the finest of the knots that serve to find the way
 _STILL = 1e9  # rigidity of what does not move at all
+SQUEEZED = 0.1  # no body passes where trunk and legs lack more room on a side [m]
 STUCK = 0.02  # deeper than this in an obstacle after all, and the way is barred [m]
 
 
@@ -109,16 +111,34 @@ def _duck(
 
 
 def what_bars(
-    clearance: ObstacleClearance | None, result: Fit, plan: Plan, model: mujoco.MjModel
+    clearance: ObstacleClearance | None,
+    result: Fit,
+    plan: Plan,
+    model: mujoco.MjModel,
+    settings: FitSettings,
 ) -> Barred | None:
-    """Return what a body is still well inside of, or where it has no ground; None if it passes.
+    """Return what a body is still well inside of, or where it has no room; None if it passes.
 
     Args:
       clearance: from what it keeps clear.
       result: the fitted motion.
       plan: what was asked of it.
       model: of the scene.
+      settings: whether that is an error.
+
+    Raises:
+      SceneError: something bars the way, and the settings are strict.
     """
+    barred = _inside(clearance, result, plan, model) or barred_route(plan.route, model)
+    if barred is not None and settings.strict:
+        raise barred.error()
+    return barred
+
+
+def _inside(
+    clearance: ObstacleClearance | None, result: Fit, plan: Plan, model: mujoco.MjModel
+) -> Barred | None:
+    """Return what a body is still well inside of."""
     if clearance is not None:
         depth, frame, names = clearance.inside(result.motion.qpos)
         if (depth > STUCK).any():
@@ -130,10 +150,20 @@ def what_bars(
             geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, names[worst])
             known = names[worst] if geom < 0 else barrier(model, geom, float(floor))
             return Barred(known, root[:2], float(depth.max()), tuple(frames.tolist()))
-    route = plan.route
-    if route is not None and route.bars == NO_GROUND and route.lack > STUCK:
-        return Barred(no_ground(route.space, route.place), route.place, route.lack)
     return None
+
+
+def barred_route(route: Route | None, model: mujoco.MjModel) -> Barred | None:
+    """Return what no body can squeeze past on a line; None where it can, or there is no line."""
+    if route is None or route.lack <= (STUCK if route.bars == NO_GROUND else SQUEEZED):
+        return None
+    if route.bars == NO_GROUND:
+        return Barred(no_ground(route.space, route.place), route.place, route.lack)
+    floor = float(route.space.ground.at(route.place))
+    name = geom_name(route.space.model, route.bars)
+    geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
+    known = name if geom < 0 else barrier(model, geom, floor)
+    return Barred(known, route.place, route.lack)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.apps.adaptation import as_clip
-from mjmotion.apps.clearing import STUCK, Barred
+from mjmotion.apps.clearing import barred_route
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import FitError, OutputError, unknown_name
 from mjmotion.footsteps.contacts import Contact
@@ -25,8 +25,6 @@ from mjmotion.footsteps.plan_file import save_plan
 from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.footsteps.spots import Spots
 from mjmotion.output.plan_drawing import draw_plan, plan_svg
-from mjmotion.route.barriers import barrier, no_ground
-from mjmotion.route.free_space import NO_GROUND
 from mjmotion.scene import Scene, SceneLike
 
 Array = NDArray[np.float64]
@@ -51,15 +49,9 @@ class PlannedWalk:
     def lines(self) -> list[str]:
         """Return what there is to say of it."""
         plan, route = self.plan, self.plan.route
-        said = [f"{len(plan.footholds)} steps over {plan.source.nframe} frames"]
-        if route is None or not route.bent:
-            return [*said, "the walk keeps its own way"]
-        shift = np.linalg.norm(route.bend.shift, axis=1)
-        turn = np.degrees(np.abs(route.bend.turn).max())
-        return [
-            *said,
-            f"the way is bent: up to {shift.max():.2f} m off, and turned by up to {turn:.0f}°",
-        ]
+        changed = "" if route is None else route.changed()
+        steps = f"{len(plan.footholds)} steps over {plan.source.nframe} frames"
+        return [steps, changed or "the walk keeps its own way"]
 
 
 def plan_walk(
@@ -88,14 +80,9 @@ def plan_walk(
     motion, scene = as_clip(clip), Scene.of(scene).at_rest()
     motion = set_off(motion) if heading == "start" else motion
     plan = make_plan(motion, scene, contacts, settings)
-    route = plan.route
-    if route is None or route.lack <= STUCK:
+    barred = barred_route(plan.route, scene.model)
+    if barred is None:
         return PlannedWalk(plan, "")
-    if route.bars == NO_GROUND:
-        what = no_ground(route.space, route.place)
-    else:
-        what = barrier(scene.model, route.bars, float(route.space.ground.at(route.place)))
-    barred = Barred(what, route.place, route.lack)
     if settings is not None and settings.strict:
         raise barred.error()
     return PlannedWalk(plan, str(barred))

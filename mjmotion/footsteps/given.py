@@ -1,7 +1,7 @@
 """What of a plan is given: a way that a walk is to take, and footholds in place of those found.
 
 way = given_way(scene, settings)
-clip = cut_to_way(clip, way)
+clip, contacts = cut_to_way(clip, contacts, way)
 footholds, turns = as_given(given, spots, found, feet, ground)
 """
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mjmotion.body.feet import Foot
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError
+from mjmotion.footsteps.contacts import Contact
 from mjmotion.footsteps.footholds import Foothold, Stance, footholds_at
 from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.numerics.rotations import rotate, yaw_quat
@@ -89,10 +90,15 @@ def given_way(scene: Scene, settings: PlanSettings) -> Array | None:
     return check_way(settings.path)
 
 
-def cut_to_way(clip: Motion, way: Array) -> Motion:
-    """Return a clip cut where a way is at its end; all of it where the way is longer."""
+def cut_to_way(
+    clip: Motion, contacts: Sequence[Contact], way: Array
+) -> tuple[Motion, tuple[Contact, ...]]:
+    """Return a clip and its contacts cut where a way is at its end; all where that is longer."""
     line = Centreline.of(clip)
     beyond = np.flatnonzero(line.length > way_length(way))
     if len(beyond) == 0 or beyond[0] < 2:
-        return clip
-    return clip.replace(clip.qpos[: beyond[0]])
+        return clip, tuple(contacts)
+    last = int(beyond[0])
+    kept = [one for one in contacts if one.start < last]
+    ended = tuple(dataclasses.replace(one, end=min(one.end, last)) for one in kept)
+    return clip.replace(clip.qpos[:last]), ended

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.feet import Foot
-from mjmotion.body.kinematics import Kinematics, Pose, site_id
+from mjmotion.body.kinematics import Kinematics, Pose
 from mjmotion.body.motion import Motion
 from mjmotion.constraints import SiteConstraint
 from mjmotion.constraints.shared_targets import SharedMove
@@ -38,7 +38,8 @@ from mjmotion.footsteps.footholds import (
 from mjmotion.footsteps.given import as_given, cut_to_way, given_way
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
 from mjmotion.footsteps.pace import Pace, find_pace
-from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
+from mjmotion.footsteps.path_maker import PathMaker
+from mjmotion.footsteps.paths import Detour, FootPath, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
 from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.footsteps.steps import bend_along, choose_footholds, loose_ends
@@ -46,7 +47,6 @@ from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.route.way import Route, find_route
 from mjmotion.scene import Scene
-from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
 
@@ -133,35 +133,53 @@ def make_plan(
     """
     settings = PlanSettings() if settings is None else settings
     scene = scene.at_rest()  # what could move is an obstacle and ground like the rest
-    whole, recorded, detected, found = _taken(clip, scene, contacts, settings)
+    whole = recorded = place(clip, scene)
+    detected = found = _contacts(whole, contacts)
+    way = given_way(scene, settings)
+    if way is not None:
+        recorded, found = cut_to_way(whole, found, way)
     # On its own way the recorded feet are still: bent, they slide a little where they stand.
-    route = _routed(recorded, scene, settings)
-    bent = route is not None and route.bent
-    source = route.bend.apply(recorded) if route is not None and bent else recorded
-    stances = _stances(recorded, found)
-    spots = _stances(source, found) if bent else stances
-    feet, ground = clip.character.feet, scene.ground_without(settings.avoid)
+    keep = isinstance(settings.path, str) and settings.path == "keep"
+    route = find_route(
+        recorded, scene, given=way, keep=keep, climb=settings.climb, avoid=settings.avoid
+    )
+    source = route.bend.apply(recorded) if route.bent else recorded
+    spots, feet = _stances(source, found), clip.character.feet
+    ground = scene.ground_without(settings.avoid)
     footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
     if settings.footholds is not None:
         footholds, turns = as_given(settings.footholds, spots, (footholds, turns), feet, ground)
-    if turns is None:
-        # A foot that is in the air at an end of the clip goes where the bent clip's goes.
-        plan = _on_ground((source, source), found, spots, footholds, scene)
-        original = None if whole is recorded else whole
-        other = recorded if bent else None
-        return dataclasses.replace(
-            plan, route=route, recorded=other, original=original, detected=detected
+    pace, bent = Pace.none(source.nframe), source
+    loose: tuple[Array, ...] = ()
+    if turns is not None:
+        if settings.pace != "keep":
+            pace = find_pace(spots, footholds, source.nframe, clip.fps)
+        found, spots, source = pace.contacts(found), pace.stances(spots), pace.apply(source)
+        loose = loose_ends(spots, footholds, source.nframe)
+        bent = bend_along(source, spots, footholds, (turns, loose)).apply(source)
+    # A foot that is in the air at an end of the clip goes where that of the bent clip goes.
+    plan = _on_ground((bent, source), found, spots, footholds, scene, loose)
+    return dataclasses.replace(
+        plan,
+        route=route,
+        recorded=pace.apply(recorded) if route.bent or turns is not None else None,
+        original=None if pace.same and whole is recorded else whole,
+        detected=detected,
+    )
+
+
+def _contacts(clip: Motion, contacts: Sequence[Contact] | None) -> tuple[Contact, ...]:
+    """Return who stands when: what is given, or found in the clip."""
+    if contacts is None:
+        found = detect_contacts(clip)
+    else:
+        found = check_contacts(contacts, clip.model, clip.nframe)
+    if not found:
+        raise ContactError(
+            "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
+            " give them with a contacts file"
         )
-    pace = find_pace(spots, footholds, source.nframe, clip.fps)
-    if settings.pace == "keep":
-        pace = Pace.none(source.nframe)
-    original = None if pace.same and whole is recorded else whole
-    source, recorded = pace.apply(source), pace.apply(recorded)
-    found, stances, spots = pace.contacts(found), pace.stances(stances), pace.stances(spots)
-    loose = loose_ends(spots, footholds, source.nframe)
-    source = bend_along(source, spots, footholds, (turns, loose)).apply(source)
-    plan = _on_ground((source, recorded), found, stances, footholds, scene, loose)
-    return dataclasses.replace(plan, route=route, original=original, detected=detected)
+    return found
 
 
 def _taken(
@@ -198,14 +216,6 @@ def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
     """Return the stances of a clip where it is."""
     pose = Kinematics(clip.model, clip.nframe).forward(clip.qpos)
     return find_stances(clip, pose, clip.character.feet, contacts)
-
-
-def _routed(clip: Motion, scene: Scene, settings: PlanSettings) -> Route | None:
-    """Return where a clip goes; None where it keeps its own way."""
-    if isinstance(settings.path, str) and settings.path == "keep":
-        return None
-    given = given_way(scene, settings)
-    return find_route(clip, scene, given=given, climb=settings.climb, avoid=settings.avoid)
 
 
 def with_free_footholds(plan: Plan, scene: Scene, ik: str | IKSolver = "hybrid") -> Plan:
@@ -284,7 +294,7 @@ def _on_ground(
       landed: whether it is settled how feet land.
     """
     source, recorded = clips
-    feet, ways = source.character.feet, _Ways.of(source, recorded, scene.ground, loose)
+    feet, ways = source.character.feet, PathMaker.of(source, recorded, scene.ground, loose)
     pose = ways.pose
 
     def planned(index: int, detour: Detour | None = None) -> FootPath:
@@ -339,45 +349,6 @@ def _relaxed(
 def _changed(new: Sequence[object], old: Sequence[object]) -> bool:
     """Whether any of some things is another."""
     return any(one is not other for one, other in zip(new, old, strict=True))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Ways:
-    """What foot paths are made of: a clip, and the same as recorded, where its feet are still."""
-
-    source: Motion
-    pose: Pose
-    own: Pose
-    ground: Ground
-    loose: tuple[Array, ...]
-
-    @classmethod
-    def of(
-        cls, source: Motion, recorded: Motion, ground: Ground, loose: tuple[Array, ...]
-    ) -> _Ways:
-        """Return them, posed."""
-        pose, own = (
-            Kinematics(clip.model, clip.nframe).forward(clip.qpos) for clip in (source, recorded)
-        )
-        return cls(source, pose, own, ground, loose)
-
-    def path(
-        self,
-        index: int,
-        stances: Sequence[Stance],
-        footholds: Sequence[Foothold],
-        detour: Detour | None,
-    ) -> FootPath:
-        """Return the path of foot number ``index``, its shift against the clip."""
-        foot, fps = self.source.character.feet[index], self.source.fps
-        more = self.loose[index] if self.loose else np.zeros((self.source.nframe, 3))
-        if more.any():
-            none = np.zeros(self.source.nframe)
-            detour = Detour(more, none) if detour is None else detour.and_aside(more)
-        path = foot_path(foot, index, self.own, stances, footholds, self.ground, fps, detour)
-        site = site_id(self.pose.model, path.site)
-        way = self.own.site_xpos[:, site] - self.pose.site_xpos[:, site]
-        return dataclasses.replace(path, shift=path.shift + way + more)
 
 
 def with_ends(

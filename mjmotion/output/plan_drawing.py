@@ -189,4 +189,6 @@ def draw_plan(path: str | Path, plan: Plan, candidates: Array | None = None) -> 
             for number, piece in enumerate(pieces):
                 if not mark.dashed or number // 3 % 2 == 0:
                     pen.line(piece, fill=colour, width=width)
-    picture.resize((max(size[0] // _SHARP, 1), max(size[1] // _SHARP, 1)), Image.LANCZOS).save(path)
+    picture.resize(
+        (max(size[0] // _SHARP, 1), max(size[1] // _SHARP, 1)), Image.Resampling.LANCZOS
+    ).save(path)

@@ -79,7 +79,7 @@ class Centreline:
           further: how far they go on beyond the end [m].
         """
         count = int(np.ceil((self.whole + further) / step - 1e-9)) + 1
-        return at_lengths(self.points, self.length, np.arange(count) * step)
+        return at_lengths(self.points, self.length, step * np.arange(count, dtype=np.float64))
 
     def bend(self, points: Array) -> Bend:
         """Return the bend that takes the walk along other points, every frame as far along.
@@ -106,7 +106,7 @@ class Centreline:
         return Bend(places + swayed - self.points - self.sway, turn)
 
 
-def at_lengths(points: Array, length: Array, wanted: Array) -> Array:
+def at_lengths(points: Array, length: Array, wanted: NDArray[np.floating]) -> Array:
     """Return points (m, 2) at arc lengths (m,) of a line (n, 2), straight on past its end."""
     inside = np.column_stack([np.interp(wanted, length, column) for column in points.T])
     over = np.maximum(wanted - length[-1], 0.0)

@@ -34,7 +34,7 @@ def fit_line(way: Array, asked: Asked, space: FreeSpace) -> Array:
       asked: what the walk asks of it.
       space: what is free.
     """
-    length = asked.spacing * np.arange(len(way))
+    length = asked.spacing * np.arange(len(way), dtype=np.float64)
     wanted = np.arange(0.0, length[-1] + 1e-9, FINE)
     rough = at_lengths(way, length, wanted)
     swung, trunk = (

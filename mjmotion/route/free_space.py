@@ -47,6 +47,7 @@ class FreeSpace:
       overhead: (ny, nx) to what one has to bow under [m].
       rise: (ny, nx) the highest single step of the ground within a foot's length [m].
       ground: what can be walked to.
+      model: of the scene.
     """
 
     corner: Array
@@ -55,6 +56,7 @@ class FreeSpace:
     overhead: Array
     rise: Array
     ground: Walkable
+    model: mujoco.MjModel
 
     def distances(self, points: Array) -> Array:
         """Return distances (..., nband + 3) at points (..., 2), the last of rises [m]."""
@@ -121,7 +123,9 @@ def find_free_space(
     for solid in solid_shapes(scene.model, *box):
         grid.add(solid)
     grid.add_ground()
-    return FreeSpace(low, grid.distance, grid.nearest, grid.overhead, grid.rises(), ground)
+    return FreeSpace(
+        low, grid.distance, grid.nearest, grid.overhead, grid.rises(), ground, scene.model
+    )
 
 
 class _Grid:

@@ -87,11 +87,11 @@ def find_way(asked: Asked, space: FreeSpace) -> Array:
     layers = [_Places(first, ABOUT, none, none, SET_OFF * ABOUT**2, begin)]
     for layer in range(count - 1):
         layers.append(_next(layers[-1], layer, asked, heading, space))
-    place, chosen = [], 0
-    for layer in reversed(layers):
-        place.append(layer.point[chosen])
-        chosen = int(layer.before[chosen])
-    return np.array(place[::-1])
+    found, chosen = [], 0
+    for places in reversed(layers):
+        found.append(places.point[chosen])
+        chosen = int(places.before[chosen])
+    return np.array(found[::-1])
 
 
 def _next(places: _Places, layer: int, asked: Asked, heading: Array, space: FreeSpace) -> _Places:

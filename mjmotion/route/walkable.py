@@ -80,7 +80,7 @@ def find_walkable(ground: Ground, start: Array, box: tuple[Array, Array], step: 
     from scipy.ndimage import distance_transform_edt
 
     shape = np.ceil((box[1] - box[0]) / CELL).astype(np.int64)[::-1] + 1
-    rows, columns = np.indices(shape)
+    rows, columns = np.mgrid[: shape[0], : shape[1]]
     places = box[0] + CELL * np.stack((columns, rows), axis=-1)
     height = np.full(shape, np.nan)
     asked = np.full(shape, np.inf)

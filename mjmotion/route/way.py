@@ -61,12 +61,24 @@ class Route:
         """Whether it is another line than its own."""
         return self.line is not self.own
 
+    def changed(self) -> str:
+        """Return what is changed of the walk's own way, in a line; empty where nothing is."""
+        if not self.bent:
+            return ""
+        shift = np.linalg.norm(self.bend.shift, axis=1)
+        turn = np.degrees(np.abs(self.bend.turn).max())
+        return (
+            f"the way is bent: up to {shift.max():.2f} m off the walk's own, turned by up to"
+            f" {turn:.0f}°, and ends {shift[-1]:.2f} m off"
+        )
+
 
 def find_route(
     source: Motion,
     scene: Scene,
     *,
     given: Array | None = None,
+    keep: bool = False,
     climb: bool = False,
     avoid: tuple[str, ...] = (),
 ) -> Route:
@@ -76,6 +88,7 @@ def find_route(
       source: the walk at the scene's start, on level ground.
       scene: the scene, at rest.
       given: (n, 2) the way that it is to take, whatever is in it [m]; found without.
+      keep: whether it keeps its own, whatever is in it.
       climb: whether what is higher than a step and has a top is climbed.
       avoid: names of geoms that are not ground.
     """
@@ -84,7 +97,7 @@ def find_route(
     own = line.spaced(FINE)
     # A body is as long as it is wide, about, and its last step goes on a little.
     ahead = line.spaced(FINE, LAST)
-    _, trunk = needed_widths(width, np.arange(len(ahead)) * FINE)
+    _, trunk = needed_widths(width, FINE * np.arange(len(ahead), dtype=np.float64))
     if given is not None:
         new = line_of_length(rounded(given), line.whole)
         around = np.concatenate((source.qpos[:1, :2], new))
@@ -92,10 +105,10 @@ def find_route(
         return _route(own, new, line.bend(new), space, trunk)
     reach = float(np.clip(0.8 * line.whole, *REACH))
     space = find_free_space(scene, own, reach, width.height, climb=climb, avoid=avoid)
-    if len(own) < 3 or space.lack(ahead, trunk).max() <= FREE:
+    if keep or len(own) < 3 or space.lack(ahead, trunk).max() <= FREE:
         return _route(own, own, Bend.none(source.nframe), space, trunk)
     points = line.spaced(STEP, AHEAD)
-    lengths = np.arange(len(points)) * STEP
+    lengths = STEP * np.arange(len(points), dtype=np.float64)
     asked = Asked(points, *needed_widths(width, lengths), _sharpest(line, lengths))
     new = fit_line(find_way(asked, space), asked, space)
     count = min(len(new), len(trunk))

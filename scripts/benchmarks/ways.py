@@ -5,16 +5,26 @@ Every kind comes by seed, so that some can be tuned on and others held back.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.figures import Print
+from benchmarks.quality import MOCAP, SHARE
+from mjmotion.apps.adaptation import adapt
+from mjmotion.body.motion import Motion
+from mjmotion.clips import load_clip
+from mjmotion.exceptions import MotionError
+from mjmotion.paper.figures import Figure
 from mjmotion.scene import Scene
 
 Array = NDArray[np.float64]
 
+CLIPS = ("walk", "02_01", "07_01", "16_58")
 THICK, TALL = 0.06, 1.25  # half sizes of walls [m]
 LINTEL = 2.05  # height of a door [m]
 
@@ -147,6 +157,49 @@ KINDS: dict[str, Callable[[int], mujoco.MjSpec]] = {
 }
 TUNED, HELD_BACK = range(8), range(100, 110)
 """Seeds of scenes that were tuned on, and of others."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Passed:
+    """One clip on one scene: what it misses, and how long it takes [s]."""
+
+    kind: str
+    missed: str
+    seconds: float
+
+
+def measure(name: str, clip: Motion, kind: str, seed: int, print_line: Print) -> Passed:
+    """Adapt a clip to a scene, measure it, and print a line."""
+    scene = make(kind, seed)
+    began = time.perf_counter()
+    try:
+        result = adapt(clip, scene)
+    except MotionError as error:
+        passed = Passed(kind, str(error), 0.0)
+    else:
+        seconds = time.perf_counter() - began
+        broken = ", ".join(result.validate().broken())
+        passed = Passed(kind, result.barred or broken, seconds)
+    print_line(f"{name:8} {scene.name:14} {passed.seconds:6.2f} s  {passed.missed or 'every bar'}")
+    return passed
+
+
+def run(
+    seeds: Sequence[int], print_line: Print, what: str, kinds: Sequence[str] = tuple(KINDS)
+) -> list[Figure]:
+    """Return for each kind of scene the share of pairs that reach every bar."""
+    found = []
+    for name in CLIPS:
+        file = MOCAP / f"{name}.bvh"
+        clip = load_clip(file if file.is_file() else name)
+        found += [measure(name, clip, k, seed, print_line) for k in kinds for seed in seeds]
+    figures = []
+    for kind in kinds:
+        mine = [one for one in found if one.kind == kind]
+        share = 100.0 * sum(not one.missed for one in mine) / len(mine)
+        text = f"{kind}, {what}: pairs that reach every bar"
+        figures.append(Figure("ways", text, share, "%", least=SHARE))
+    return figures
 
 
 def make(kind: str, seed: int) -> Scene:
