@@ -182,36 +182,6 @@ def _contacts(clip: Motion, contacts: Sequence[Contact] | None) -> tuple[Contact
     return found
 
 
-def _taken(
-    clip: Motion, scene: Scene, contacts: Sequence[Contact] | None, settings: PlanSettings
-) -> tuple[Motion, Motion, tuple[Contact, ...], tuple[Contact, ...]]:
-    """Return the clip at the scene's start, what of it a given way takes, and who stands in each.
-
-    Raises:
-      ContactError: there are no contacts, or the given ones do not fit the clip.
-    """
-    whole = recorded = place(clip, scene)
-    found = (
-        detect_contacts(recorded)
-        if contacts is None
-        else check_contacts(contacts, clip.model, clip.nframe)
-    )
-    way, detected = given_way(scene, settings), found
-    if way is not None:
-        recorded = cut_to_way(recorded, way)
-        found = tuple(
-            dataclasses.replace(one, end=min(one.end, recorded.nframe))
-            for one in found
-            if one.start < recorded.nframe
-        )
-    if not found:
-        raise ContactError(
-            "no contacts: no foot of the clip rests on any ground, so there is nothing to adapt;"
-            " give them with a contacts file"
-        )
-    return whole, recorded, detected, found
-
-
 def _stances(clip: Motion, contacts: Sequence[Contact]) -> tuple[Stance, ...]:
     """Return the stances of a clip where it is."""
     pose = Kinematics(clip.model, clip.nframe).forward(clip.qpos)
