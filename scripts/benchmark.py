@@ -17,7 +17,18 @@ from pathlib import Path
 from typing import Any
 
 import results_page
-from benchmarks import editing, levels, paper, quality, rough, spacetime, speed, startup, ways
+from benchmarks import (
+    editing,
+    footing,
+    levels,
+    paper,
+    quality,
+    rough,
+    spacetime,
+    speed,
+    startup,
+    ways,
+)
 from benchmarks.figures import markdown, print_figures
 
 from mjmotion.exceptions import MotionError
@@ -25,7 +36,10 @@ from mjmotion.paper.figures import Figure
 from mjmotion.paper.terrain import make_job
 from mjmotion.paper.timing import machine
 
-PARTS = ("quality", "rough", "levels", "speed", "editing", "paper", "spacetime", "ways", "cli")
+PARTS = (
+    *("quality", "rough", "footing", "ways", "levels", "speed", "editing"),
+    *("paper", "spacetime", "cli"),
+)
 PACKAGES = ("mujoco", "numpy", "mink")  # whose versions the page names
 
 
@@ -99,6 +113,11 @@ def measure(
     if "rough" in parts:
         print_line("\nrough ground: bumps, small boxes and rods underfoot")
         figures += rough.run(print_line, clips)
+    if "footing" in parts:
+        for what, seeds in (("tuned on", footing.TUNED), ("held back", footing.HELD_BACK)):
+            print_line(f"\nstairs and stones by seed, {what}")
+            found = footing.run(footing.CLIPS, seeds, print_line)
+            figures += print_figures(footing.summary(what, found), print_line)
     if "levels" in parts:
         print_line("\nlevels of the terrain job: largest error [% of height]")
         figures += levels.run(make_job(), print_line)

@@ -205,6 +205,9 @@ def _next(walk: _Walk, spots: Spots, index: int, last: _Row) -> _Row:
     own_cost = ways + fit.cost[few]
     whole = own_cost + last.total[back]
     kept = np.argsort(whole, kind="stable")[:KEPT]
+    kept = kept[np.isfinite(whole[kept])]
+    if len(kept) == 0:
+        raise _nothing(walk, index, carried[0])
     return _Row(placed[kept], whole[kept], own_cost[kept], back[kept])
 
 

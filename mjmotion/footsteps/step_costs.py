@@ -17,6 +17,8 @@ Index = NDArray[np.int64]
 
 SHORTER, LONGER = 0.30, 0.10  # a step is worth one that is this much shorter, or longer [m]
 STRIDE_MORE = 0.25  # a step longer than the source's by this share of it is a stretch
+STRIDES = 0.3  # a step of the source that is longer goes somewhere [m]
+STRIDE_LESS = 0.75  # and is not shortened by more than this share of it
 STRETCH = 0.015  # worth one for each of these more [m]
 WIDER = 0.10  # the same beside [m]
 OFF_WAY = 0.35  # a foot is worth one that is so far beside its own line [m]
@@ -101,6 +103,8 @@ def _bare_costs(step: Step, before: Placed, after: Placed) -> Array:
     more = (along - step.along) * (1.0 if step.along >= 0.0 else -1.0)
     firm = TAKEN if step.taken else 1.0
     cost = (firm * more / np.where(more > 0.0, LONGER, SHORTER)) ** 2
+    if abs(step.along) > STRIDES:
+        cost = np.where(more < -STRIDE_LESS * abs(step.along), np.inf, cost)
     most = STRIDE_MORE * abs(step.along) + CELL
     cost += (np.maximum(more - most, 0.0) / STRETCH) ** 2
     cost += (firm * (beside - step.beside) / WIDER) ** 2

@@ -10,6 +10,7 @@ Print = Callable[[str], None]
 
 TITLES = {
     "quality": "Quality: the worst over all walks and scenes",
+    "footing": "Stairs and stepping stones by seed: pairs that reach every bar, one tread a step",
     "levels": "Levels: largest error on the paper's terrain job, % of height",
     "speed": "Speed: ratios in one run",
     "editing": "Editing",
