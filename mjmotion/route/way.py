@@ -27,6 +27,7 @@ SWING = 0.05  # room beside arms [m]
 FREE = 0.02  # a line that lacks no more of what trunk and legs take up is free [m]
 TRACK = 0.12  # half width of what a walk needs as ground [m]
 REACH = (1.5, 6.0)  # how far around its line a walk may go, at least and at most [m]
+BESIDE = 1.0  # how far around its own line it is first looked whether that is free [m]
 AHEAD = 0.4  # how much further a foot is put than the line goes [m]
 TURNING = np.radians(80.0)  # most that a walk turns in a second beyond what it does
 ASIDE = 1.6  # most that it is pulled aside [m/s²]
@@ -75,10 +76,12 @@ def find_route(
     width = BodyWidth.of(source, line, float(scene.start_pos[2]))
     own = line.spaced(FINE)
     reach = float(np.clip(0.8 * line.whole, *REACH))
-    space = find_free_space(scene, own, reach, width.height, climb=climb, avoid=avoid)
     _, trunk = needed_widths(width, np.arange(len(own)) * FINE)
-    if len(own) < 3 or space.lack(own, trunk).max() <= FREE:
-        return _route(own, own, Bend.none(source.nframe), space, trunk)
+    # Whether the own line is free shows next to it: the rest is only looked at where it is not.
+    for far in (BESIDE, reach):
+        space = find_free_space(scene, own, far, width.height, climb=climb, avoid=avoid)
+        if len(own) < 3 or space.lack(own, trunk).max() <= FREE:
+            return _route(own, own, Bend.none(source.nframe), space, trunk)
     points = line.spaced(STEP, AHEAD)
     lengths = np.arange(len(points)) * STEP
     asked = Asked(points, *needed_widths(width, lengths), _sharpest(line, lengths))
