@@ -160,7 +160,8 @@ def _cost(walk: _Walk, spots: Spots, index: int, footholds: Sequence[Foothold]) 
         two[:, :2].min(axis=0) - LOOK, two[:, :2].max(axis=0) + LOOK, float(two[0, 2])
     )
     before, after = (walk.placed(point[None, :2], walk.along[index], point[2:]) for point in two)
-    cost, _ = best_steps(walk.step(index), before, np.zeros(1), after, window)
+    none = np.zeros(1)
+    cost, _ = best_steps(walk.step(index), before, none, after, none, window, 1)
     avoided = float(spots.ground.firm(two[1:])[2][0])
     return float(cost[0]) + avoided * 2.0 * TOLERATED
 
@@ -207,10 +208,10 @@ def _next(walk: _Walk, spots: Spots, index: int, last: _Row) -> _Row:
     if len(few) == 0:
         raise _nothing(walk, index, carried[0])
     placed = walk.placed(points[few], middle, fit.height[few])
-    ways, back = best_steps(step, last.placed, last.total, placed, window)
+    ways, back = best_steps(step, last.placed, last.total, placed, fit.cost[few], window, KEPT)
     own_cost = ways + fit.cost[few]
     whole = own_cost + last.total[back]
-    kept = np.argsort(whole, kind="stable")[:KEPT]
+    kept = np.argsort(whole, kind="stable")[: min(KEPT, int(np.isfinite(whole).sum()))]
     return _Row(placed[kept], whole[kept], own_cost[kept], back[kept])
 
 
