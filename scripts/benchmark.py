@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import results_page
-from benchmarks import editing, levels, paper, quality, rough, spacetime, speed, startup
+from benchmarks import editing, levels, paper, planning, quality, rough, spacetime, speed, startup
 from benchmarks.figures import markdown, print_figures
 
 from mjmotion.exceptions import MotionError
@@ -25,7 +25,7 @@ from mjmotion.paper.figures import Figure
 from mjmotion.paper.terrain import make_job
 from mjmotion.paper.timing import machine
 
-PARTS = ("quality", "rough", "levels", "speed", "editing", "paper", "spacetime", "cli")
+PARTS = ("quality", "rough", "levels", "speed", "planning", "editing", "paper", "spacetime", "cli")
 PACKAGES = ("mujoco", "numpy", "mink")  # whose versions the page names
 
 
@@ -105,6 +105,9 @@ def measure(
     if "speed" in parts:
         print_line("\nspeed")
         figures += speed.run(make_job(), print_line)
+    if "planning" in parts:
+        print_line("\nplanning")
+        figures += planning.run(make_job(), print_line)
     if "editing" in parts:
         print_line("\nediting")
         figures += editing.run(make_job(), print_line)

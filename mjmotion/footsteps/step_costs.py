@@ -84,8 +84,8 @@ def best_steps(
       after: n places to step to.
       own: (n,) what those cost by themselves.
       window: the ground between them.
-      count: how many of the best places are asked for; steps to what is certainly none of these cost
-        infinity.
+      count: how many of the best places are asked for; steps to what is certainly none of these
+        cost infinity.
     """
     whole = _bare_costs(step, before, after)
     bare = whole.copy()

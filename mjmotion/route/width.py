@@ -7,6 +7,7 @@ width.swung, width.trunk      # half widths of every band of heights, along the 
 from __future__ import annotations
 
 import dataclasses
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -67,7 +68,7 @@ class BodyWidth:
             low, high = up.min(axis=1), up.max(axis=1)
             of_arm = int(model.geom_bodyid[geom]) in arms
             # Of what a band cuts no point need be in it: the nearest of its ends counts then too.
-            for band, (floor, above) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+            for band, (floor, above) in enumerate(pairwise(edges)):
                 cut = np.flatnonzero((low < above) & (high > floor))
                 if len(cut) == 0:
                     continue

@@ -1,7 +1,8 @@
 """Where rays straight down hit shapes: formulas for all rays at once, in MuJoCo's own order.
 
-Each function takes one geom for every ray, or one for all, and returns how far it goes: to the surface from outside,
-out of it again from inside; inf where it misses. Normals point out of the geom.
+Each function takes one geom for every ray, or one for all, and returns how far it goes: to the
+surface from outside, out of it again from inside; inf where it misses. Normals point out of the
+geom.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ TITLES = {
     "quality": "Quality: the worst over all walks and scenes",
     "levels": "Levels: largest error on the paper's terrain job, % of height",
     "speed": "Speed: ratios in one run",
+    "planning": "Planning: ratios of processor time in one run",
     "editing": "Editing",
     "paper": "The paper's jobs, retargeting and joining",
     "spacetime": "Free footholds, and one large optimisation in place of many small",
