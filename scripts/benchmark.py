@@ -22,6 +22,7 @@ from benchmarks import (
     footing,
     levels,
     paper,
+    planning,
     quality,
     rough,
     spacetime,
@@ -37,7 +38,7 @@ from mjmotion.paper.terrain import make_job
 from mjmotion.paper.timing import machine
 
 PARTS = (
-    *("quality", "rough", "footing", "ways", "levels", "speed", "editing"),
+    *("quality", "rough", "footing", "ways", "levels", "speed", "planning", "editing"),
     *("paper", "spacetime", "cli"),
 )
 PACKAGES = ("mujoco", "numpy", "mink")  # whose versions the page names
@@ -124,6 +125,9 @@ def measure(
     if "speed" in parts:
         print_line("\nspeed")
         figures += speed.run(make_job(), print_line)
+    if "planning" in parts:
+        print_line("\nplanning")
+        figures += planning.run(make_job(), print_line)
     if "editing" in parts:
         print_line("\nediting")
         figures += editing.run(make_job(), print_line)

@@ -21,7 +21,8 @@ from mjmotion.footsteps.changes import changes
 from mjmotion.footsteps.contacts import Contact, detect_contacts
 from mjmotion.footsteps.footholds import Foothold, Stance, find_stances
 from mjmotion.footsteps.pace import Pace, find_pace
-from mjmotion.footsteps.plan import Plan, make_plan
+from mjmotion.footsteps.plan import Plan
+from mjmotion.footsteps.planning import make_plan
 from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.footsteps.spots import Spots
 from mjmotion.footsteps.steps import bend_along, choose_footholds, loose_ends

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mjmotion.body.feet import Foot
 from mjmotion.exceptions import SceneError, frame_list
-from mjmotion.footsteps.footholds import Foothold, Stance
+from mjmotion.footsteps.footholds import Foothold, Stance, each_foothold
 from mjmotion.footsteps.spots import CELL, Spots
 from mjmotion.footsteps.step_costs import Placed, Step, best_steps
 from mjmotion.footsteps.way import Way
@@ -135,28 +135,35 @@ def find_chain(
     )
 
 
-def chain_costs(
-    stances: Sequence[Stance],
-    feet: Sequence[Foot],
-    footholds: Sequence[Foothold],
-    ground: Ground,
-) -> Array:
-    """Return what each step costs of a walk on footholds that are there already (n,)."""
+def walkable_footholds(
+    stances: Sequence[Stance], feet: Sequence[Foot], ground: Ground, start_height: float
+) -> tuple[Foothold, ...] | None:
+    """Return footholds near the stances' own spots if all of their steps can be walked, else None.
+
+    Raises:
+      SceneError: there is nothing to stand on within reach of a stance.
+    """
     walk, spots = _Walk(stances, feet), Spots(ground)
-    points = np.array([foothold.position for foothold in footholds])
-    costs = np.zeros(len(stances))
-    for index in range(1, len(stances)):
-        two = points[index - 1 : index + 1]
-        window = spots.window(
-            two[:, :2].min(axis=0) - LOOK, two[:, :2].max(axis=0) + LOOK, float(two[0, 2])
-        )
-        before, after = (
-            walk.placed(point[None, :2], walk.along[index], point[2:]) for point in two
-        )
-        cost, _ = best_steps(walk.step(index), before, np.zeros(1), after, window)
-        costs[index] = cost[0]
-        costs[index] += float(ground.firm(two[1:])[2][0]) * 2.0 * TOLERATED
-    return costs
+    footholds: list[Foothold] = []
+    for index, foothold in enumerate(each_foothold(stances, feet, ground, start_height)):
+        footholds.append(foothold)
+        # One step that cannot be walked is enough: the rest need not be found.
+        if index and _cost(walk, spots, index, footholds) > TOLERATED:
+            return None
+    return tuple(footholds)
+
+
+def _cost(walk: _Walk, spots: Spots, index: int, footholds: Sequence[Foothold]) -> float:
+    """Return what the step to foothold number ``index`` costs."""
+    two = np.array([foothold.position for foothold in footholds[index - 1 : index + 1]])
+    window = spots.window(
+        two[:, :2].min(axis=0) - LOOK, two[:, :2].max(axis=0) + LOOK, float(two[0, 2])
+    )
+    before, after = (walk.placed(point[None, :2], walk.along[index], point[2:]) for point in two)
+    none = np.zeros(1)
+    cost, _ = best_steps(walk.step(index), before, none, after, none, window, 1)
+    avoided = float(spots.ground.firm(two[1:])[2][0])
+    return float(cost[0]) + avoided * 2.0 * TOLERATED
 
 
 def _first(walk: _Walk, spots: Spots, height: float) -> _Row:
@@ -201,7 +208,7 @@ def _next(walk: _Walk, spots: Spots, index: int, last: _Row) -> _Row:
     if len(few) == 0:
         raise _nothing(walk, index, carried[0])
     placed = walk.placed(points[few], middle, fit.height[few])
-    ways, back = best_steps(step, last.placed, last.total, placed, window)
+    ways, back = best_steps(step, last.placed, last.total, placed, fit.cost[few], window, KEPT)
     own_cost = ways + fit.cost[few]
     whole = own_cost + last.total[back]
     kept = np.argsort(whole, kind="stable")[:KEPT]

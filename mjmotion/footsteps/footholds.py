@@ -9,7 +9,7 @@ over one or stand in a wall.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,7 +194,18 @@ def _level_pose(
 def find_footholds(
     stances: Sequence[Stance], feet: Sequence[Foot], ground: Ground, start_height: float
 ) -> tuple[Foothold, ...]:
-    """Place every stance on the ground.
+    """Place every stance on the ground, as :func:`each_foothold` says.
+
+    Raises:
+      SceneError: there is nothing to stand on within reach of a stance.
+    """
+    return tuple(each_foothold(stances, feet, ground, start_height))
+
+
+def each_foothold(
+    stances: Sequence[Stance], feet: Sequence[Foot], ground: Ground, start_height: float
+) -> Iterator[Foothold]:
+    """Place stances on the ground, one after the other as they are asked for.
 
     Heights are followed from stance to stance: each looks for ground from where the one before it
     stands, so a walk up a stair and under a bridge finds the stair, not the bridge.
@@ -228,7 +239,7 @@ def footholds_at(
       SceneError: there is nothing to stand on within reach of a stance.
     """
     own = iter(heights)
-    return _in_turn(stances, feet, ground, lambda _: next(own), near=True)
+    return tuple(_in_turn(stances, feet, ground, lambda _: next(own), near=True))
 
 
 def _in_turn(
@@ -238,12 +249,11 @@ def _in_turn(
     height_after: Callable[[float | None], float],
     *,
     near: bool = False,
-) -> tuple[Foothold, ...]:
+) -> Iterator[Foothold]:
     """Place stances one after the other, each on ground of the height that the last one tells.
 
     With ``near``, spots a few centimetres away are tried before any that are further.
     """
-    footholds: list[Foothold] = []
     before: float | None = None
     treads = [Tread.of(foot) for foot in feet]
     last: dict[int, tuple[Stance, Foothold]] = {}
@@ -275,10 +285,10 @@ def _in_turn(
             place = _settled(tread, ground, spot, stance.source_quat, place, others, worth)
             bend = toes_on_ground(foot, ground, place.position[0], place.quat[0])
         moved = float(np.hypot(*(place.position[0, :2] - stance.source_pos[:2])))
-        footholds.append(Foothold(place.position[0], place.quat[0], place.normal[0], moved, bend))
+        foothold = Foothold(place.position[0], place.quat[0], place.normal[0], moved, bend)
         before = float(place.position[0, 2])
-        last[stance.foot] = stance, footholds[-1]
-    return tuple(footholds)
+        last[stance.foot] = stance, foothold
+        yield foothold
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -174,7 +174,10 @@ def _in_the_way(surface: Array, out: Array, root_path: Array, span: tuple[float,
 
 
 def _convex_shapes(scene: mujoco.MjModel, root_path: Array) -> Iterator[tuple[int, Array]]:
-    """Yield geoms with points (k, 3) [m] of the convex solids that they are, or are made of."""
+    """Yield geoms with points (k, 3) [m] of the convex solids that they are, or are made of.
+
+    Those that are out of reach of the root's path are left out.
+    """
     data = mujoco.MjData(scene)
     mujoco.mj_kinematics(scene, data)
     convex = convex_obstacles(scene)
@@ -182,7 +185,10 @@ def _convex_shapes(scene: mujoco.MjModel, root_path: Array) -> Iterator[tuple[in
     hollow = solid & (scene.body_weldid[scene.geom_bodyid] == 0)
     hollow &= scene.geom_type == mujoco.mjtGeom.mjGEOM_MESH
     hollow[convex] = False
-    for geom in sorted([*convex.tolist(), *np.flatnonzero(hollow).tolist()]):
+    low, high = root_path[:, :2].min(axis=0), root_path[:, :2].max(axis=0)
+    gap = np.maximum(0.0, np.maximum(low - data.geom_xpos[:, :2], data.geom_xpos[:, :2] - high))
+    near = np.hypot(gap[:, 0], gap[:, 1]) < (_NEAR + scene.geom_rbound) * (1.0 + 1e-6)
+    for geom in sorted([*convex[near[convex]].tolist(), *np.flatnonzero(hollow & near).tolist()]):
         placed = np.array(data.geom_xpos[geom]), data.geom_xmat[geom].reshape(3, 3)
         if hollow[geom]:
             yield from ((geom, p) for p in mesh_pieces(scene, geom, placed, root_path, _NEAR))

@@ -131,7 +131,7 @@ class Spots:
     """
 
     def __init__(self, ground: Ground) -> None:
-        self._ground = ground
+        self.ground = ground
         self._tiles: dict[tuple[int, int, int], tuple[Array, NDArray[np.bool_]]] = {}
 
     def window(self, low: Array, high: Array, height: float) -> Window:
@@ -166,7 +166,7 @@ class Spots:
         points = np.empty((len(new), TILE, TILE, 3))
         points[..., :2] = CELL * (corners[:, None, None] + own)
         points[..., 2] = STOREY * np.array([tile[2] for tile in new])[:, None, None]
-        height, _, avoided = self._ground.firm(points)
+        height, _, avoided = self.ground.firm(points)
         self._tiles.update(zip(new, zip(height, avoided, strict=True), strict=True))
 
 

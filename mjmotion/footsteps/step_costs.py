@@ -75,7 +75,7 @@ class Step:
 
 
 def best_steps(
-    step: Step, before: Placed, total: Array, after: Placed, window: Window
+    step: Step, before: Placed, total: Array, after: Placed, own: Array, window: Window, count: int
 ) -> tuple[Array, Index]:
     """Return what the best step to each of some places costs (n,), and which it is from (n,).
 
@@ -84,16 +84,34 @@ def best_steps(
       before: m places to step from.
       total: (m,) what it costs to stand there.
       after: n places to step to.
+      own: (n,) what those cost by themselves.
       window: the ground between them.
+      count: how many of the best places are asked for; steps to what is certainly none of these
+        cost infinity.
     """
-    bare = _bare_costs(step, before, after)
-    whole = bare + total
-    few = np.argpartition(whole, min(LOOKED_AT, len(total)) - 1, axis=1)[:, :LOOKED_AT]
-    row = np.arange(len(few))[:, None]
+    whole = _bare_costs(step, before, after)
+    bare = whole.copy()
+    whole += total
     # What lies on the way is looked at for the likeliest only: it makes no step cheaper.
-    cost = bare[row, few] + _on_the_way(before[few], after, window)
-    best = (cost + total[few]).argmin(axis=1)
-    return cost[row[:, 0], best], few[row[:, 0], best]
+    least = whole.min(axis=1) + own
+    cost, source = np.full(len(own), np.inf), np.zeros(len(own), dtype=np.int64)
+
+    def look(rows: Index) -> None:
+        some = min(LOOKED_AT, len(total))
+        few = np.argpartition(whole[rows], some - 1, axis=1)[:, :some]
+        ways = bare[rows[:, None], few] + _on_the_way(before[few], after[rows], window)
+        best = (ways + total[few]).argmin(axis=1)
+        each = np.arange(len(rows))
+        cost[rows], source[rows] = ways[each, best], few[each, best]
+
+    likely = np.argpartition(least, count - 1)[:count] if count < len(own) else np.arange(len(own))
+    look(likely)
+    most = (cost[likely] + total[source[likely]] + own[likely]).max()
+    # With a little room, as sums in another order round differently.
+    left = np.flatnonzero(np.isinf(cost) & (least <= most * (1.0 + 1e-9) + 1e-9))
+    if len(left):
+        look(left)
+    return cost, source
 
 
 def _bare_costs(step: Step, before: Placed, after: Placed) -> Array:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from mjmotion.body.feet import Foot
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import SceneError
-from mjmotion.footsteps.chain import TOLERATED, chain_costs, find_chain
-from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds, footholds_at
+from mjmotion.footsteps.chain import find_chain, walkable_footholds
+from mjmotion.footsteps.footholds import Foothold, Stance, footholds_at
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.numerics.smoothing import ease
 from mjmotion.route.bend import Bend, smooth_bend
@@ -48,8 +48,8 @@ def choose_footholds(
       SceneError: there is nothing to stand on within reach of a step.
     """
     try:
-        near = find_footholds(stances, feet, ground, start_height)
-        if (chain_costs(stances, feet, near, ground) <= TOLERATED).all():
+        near = walkable_footholds(stances, feet, ground, start_height)
+        if near is not None:
             return near, None
     except SceneError:
         pass  # nothing near where the source stands; there may be where its steps lead

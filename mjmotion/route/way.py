@@ -28,6 +28,7 @@ SWING = 0.05  # room beside arms [m]
 FREE = 0.02  # a line that lacks no more of what trunk and legs take up is free [m]
 TRACK = 0.12  # half width of what a walk needs as ground [m]
 REACH = (1.5, 6.0)  # how far around its line a walk may go, at least and at most [m]
+BESIDE = 1.0  # how far around its own line it is first looked whether that is free [m]
 AHEAD = 0.4  # how much further a foot is put than the line goes [m]
 LAST = 0.2  # as much of that counts for its own line [m]
 TURNING = np.radians(80.0)  # most that a walk turns in a second beyond what it does
@@ -104,9 +105,11 @@ def find_route(
         space = find_free_space(scene, around, REACH[0], width.height, climb=climb, avoid=avoid)
         return _route(own, new, line.bend(new), space, trunk)
     reach = float(np.clip(0.8 * line.whole, *REACH))
-    space = find_free_space(scene, own, reach, width.height, climb=climb, avoid=avoid)
-    if keep or len(own) < 3 or space.lack(ahead, trunk).max() <= FREE:
-        return _route(own, own, Bend.none(source.nframe), space, trunk)
+    # Whether the own line is free shows next to it: the rest is only looked at where it is not.
+    for far in (reach,) if keep else (BESIDE, reach):
+        space = find_free_space(scene, own, far, width.height, climb=climb, avoid=avoid)
+        if keep or len(own) < 3 or space.lack(ahead, trunk).max() <= FREE:
+            return _route(own, own, Bend.none(source.nframe), space, trunk)
     points = line.spaced(STEP, AHEAD)
     lengths = STEP * np.arange(len(points), dtype=np.float64)
     asked = Asked(points, *needed_widths(width, lengths), _sharpest(line, lengths))

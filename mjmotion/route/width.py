@@ -7,6 +7,7 @@ width.swung, width.trunk      # half widths of every band of heights, along the 
 from __future__ import annotations
 
 import dataclasses
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -64,15 +65,18 @@ class BodyWidth:
             beside = np.abs(np.einsum("fki,fi->fk", off, side))
             up = points[..., 2] - ground
             top = max(top, float(up.max()))
-            low, high = up.min(axis=1)[:, None], up.max(axis=1)[:, None]
-            # Of what a band cuts no point need be in it: the nearest of its ends counts then too.
-            within = (up[..., None] > edges[:-1] - 0.1) & (up[..., None] < edges[1:] + 0.1)
-            cut = (low < edges[1:]) & (high > edges[:-1])
-            found = np.where(within, beside[..., None], 0.0).max(axis=1) * cut
+            low, high = up.min(axis=1), up.max(axis=1)
             of_arm = int(model.geom_bodyid[geom]) in arms
-            wide[0] = np.maximum(wide[0], found)
-            if not of_arm:
-                wide[1] = np.maximum(wide[1], found)
+            # Of what a band cuts no point need be in it: the nearest of its ends counts then too.
+            for band, (floor, above) in enumerate(pairwise(edges)):
+                cut = np.flatnonzero((low < above) & (high > floor))
+                if len(cut) == 0:
+                    continue
+                height = up[cut]
+                within = (height > floor - 0.1) & (height < above + 0.1)
+                found = np.where(within, beside[cut], 0.0).max(axis=1)
+                for kind in range(1 if of_arm else 2):
+                    wide[kind, cut, band] = np.maximum(wide[kind, cut, band], found)
         widest = _sliding(wide, 2 * round(_NEAR * _RATE) + 1)
         return cls(line.length[frames], widest[0], widest[1], top)
 

@@ -74,7 +74,8 @@ class Columns:
                 if shape == Shape.OTHER:
                     unsure.append(mine)
                     continue
-                distance, normal = SHAPES[shape](self._solids, of, points[:, mine])
+                alone = of[:1] if (of == of[0]).all() else of
+                distance, normal = SHAPES[shape](self._solids, alone, points[:, mine])
                 found.add(mine, of, distance, normal)
                 unsure.append(mine[np.isnan(distance)])
         rows = np.unique(np.concatenate(unsure))

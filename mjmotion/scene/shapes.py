@@ -1,7 +1,8 @@
 """Where rays straight down hit shapes: formulas for all rays at once, in MuJoCo's own order.
 
-Each function takes one geom for every ray and returns how far it goes: to the surface from outside,
-out of it again from inside; inf where it misses. Normals point out of the geom.
+Each function takes one geom for every ray, or one for all, and returns how far it goes: to the
+surface from outside, out of it again from inside; inf where it misses. Normals point out of the
+geom.
 """
 
 from __future__ import annotations
@@ -84,14 +85,14 @@ class Solids:
         )
 
     def local(self, geoms: Index, points: Array) -> tuple[Array, Array]:
-        """Return points (3, n) and the way down (3, n), in the frames of geoms (n,)."""
+        """Return points (3, n) and the way down (3, n), in the frames of geoms (n or 1,)."""
         matrix = self.matrix[:, geoms]
         x, y, z = points - self.place[:, geoms]
         mapped = matrix[:3] * x + matrix[3:6] * y + matrix[6:] * z
-        return mapped, -matrix[6:]
+        return mapped, np.broadcast_to(-matrix[6:], mapped.shape)
 
     def world(self, geoms: Index, normal: Array) -> Array:
-        """Return normals (n, 3) of unit length in the world from those (3, n) in geoms' frames."""
+        """Return normals (n, 3) of unit length from those (3, n) in frames of geoms (n or 1,)."""
         matrix = self.matrix[:, geoms].reshape(3, 3, -1)
         turned = (matrix * normal).sum(axis=1)
         return np.asarray((turned / np.maximum(np.linalg.norm(turned, axis=0), MINVAL)).T)
@@ -117,7 +118,7 @@ def _level_box(solids: Solids, geoms: Index, points: Array) -> tuple[Array, Arra
     distance = np.where(inside, bottom, top)
     beside = (np.abs(x) > size[0]) | (np.abs(y) > size[1]) | (distance < 0.0)
     distance[beside] = np.inf
-    normal = np.zeros((len(geoms), 3))
+    normal = np.zeros((points.shape[1], 3))
     normal[:, 2] = 1.0 - 2.0 * inside
     return distance, normal
 
@@ -125,8 +126,8 @@ def _level_box(solids: Solids, geoms: Index, points: Array) -> tuple[Array, Arra
 def _box(solids: Solids, geoms: Index, points: Array) -> tuple[Array, Array]:
     size = solids.size[:, geoms]
     point, way = solids.local(geoms, points)
-    nearest = np.full(len(geoms), np.inf)
-    normal = np.zeros((3, len(geoms)))
+    nearest = np.full(points.shape[1], np.inf)
+    normal = np.zeros(points.shape)
     for axis, others in enumerate(((1, 2), (0, 2), (0, 1))):
         goes = np.abs(way[axis]) > MINVAL
         along = np.where(goes, way[axis], 1.0)
@@ -153,7 +154,7 @@ def _sphere(solids: Solids, geoms: Index, points: Array) -> tuple[Array, Array]:
 def _ellipsoid(solids: Solids, geoms: Index, points: Array) -> tuple[Array, Array]:
     size = solids.size[:, geoms]
     point, way = solids.local(geoms, points)
-    distance = _first(_roots(point / size, way / size, np.ones(len(geoms))))
+    distance = _first(_roots(point / size, way / size, np.ones(points.shape[1])))
     hit = point + np.where(np.isfinite(distance), distance, 0.0) * way
     return distance, solids.world(geoms, hit / size**2)
 
@@ -178,8 +179,8 @@ def _cylinder(solids: Solids, geoms: Index, points: Array) -> tuple[Array, Array
     point, way = solids.local(geoms, points)
     goes = np.abs(way[2]) > MINVAL
     along = np.where(goes, way[2], 1.0)
-    nearest = np.full(len(geoms), np.inf)
-    normal = np.zeros((3, len(geoms)))
+    nearest = np.full(points.shape[1], np.inf)
+    normal = np.zeros(points.shape)
     for end in (-1.0, 1.0):
         distance = (end * half - point[2]) / along
         x, y = point[:2] + distance * way[:2]
@@ -217,7 +218,7 @@ def _hfield(solids: Solids, geoms: Index, points: Array) -> tuple[Array, Array]:
     rise_y = np.where(right, far - third, third - corner)
     distance = z - (corner + u * rise_x + v * rise_y)
     sure &= distance > _SURE
-    normal = np.stack((-rise_x / step_x, -rise_y / step_y, np.ones(len(geoms))))
+    normal = np.stack((-rise_x / step_x, -rise_y / step_y, np.ones(points.shape[1])))
     return np.where(sure, distance, np.nan), solids.world(geoms, normal)
 
 
@@ -230,7 +231,7 @@ SHAPES: dict[Shape, Callable[[Solids, Index, Array], tuple[Array, Array]]] = {
     Shape.ELLIPSOID: _ellipsoid,
     Shape.HFIELD: _hfield,
 }
-"""Distances (n,) [m] and normals (n, 3) of rays down from points (3, n) on to geoms (n,)."""
+"""Distances (n,) [m] and normals (n, 3) of rays down from points (3, n) on to geoms (n or 1,)."""
 
 
 def _roots(point: Array, way: Array, radius: Array) -> tuple[Array, Array]:

@@ -13,6 +13,7 @@ TITLES = {
     "footing": "Stairs and stepping stones by seed: pairs that reach every bar, one tread a step",
     "levels": "Levels: largest error on the paper's terrain job, % of height",
     "speed": "Speed: ratios in one run",
+    "planning": "Planning: ratios of processor time in one run",
     "editing": "Editing",
     "paper": "The paper's jobs, retargeting and joining",
     "spacetime": "Free footholds, and one large optimisation in place of many small",
