@@ -42,7 +42,7 @@ from mjmotion.footsteps.path_maker import PathMaker
 from mjmotion.footsteps.paths import Detour, FootPath, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
 from mjmotion.footsteps.settings import PlanSettings
-from mjmotion.footsteps.steps import bend_along, choose_footholds, loose_ends
+from mjmotion.footsteps.steps import bend_along, can_be_stepped, choose_footholds, loose_ends
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.route.way import Route, find_route
@@ -140,17 +140,23 @@ def make_plan(
         recorded, found = cut_to_way(whole, found, way)
     # On its own way the recorded feet are still: bent, they slide a little where they stand.
     keep = isinstance(settings.path, str) and settings.path == "keep"
+    feet, ground = clip.character.feet, scene.ground_without(settings.avoid)
+    own, height = _stances(recorded, found), float(scene.start_pos[2])
     route = find_route(
-        recorded, scene, given=way, keep=keep, climb=settings.climb, avoid=settings.avoid
+        recorded,
+        scene,
+        given=way,
+        keep=keep,
+        climb=settings.climb,
+        avoid=settings.avoid,
+        stepped=lambda: can_be_stepped(own, feet, ground, height),
     )
     source = route.bend.apply(recorded) if route.bent else recorded
-    spots, feet = _stances(source, found), clip.character.feet
-    ground = scene.ground_without(settings.avoid)
-    footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
+    spots = _stances(source, found)
+    footholds, turns = choose_footholds(spots, feet, ground, height)
     if settings.footholds is not None:
         footholds, turns = as_given(settings.footholds, spots, (footholds, turns), feet, ground)
-    pace, bent = Pace.none(source.nframe), source
-    loose: tuple[Array, ...] = ()
+    pace, bent, loose = Pace.none(source.nframe), source, tuple[Array, ...]()
     if turns is not None:
         if settings.pace != "keep":
             pace = find_pace(spots, footholds, source.nframe, clip.fps)
