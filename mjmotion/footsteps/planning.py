@@ -28,7 +28,12 @@ from mjmotion.footsteps.given import as_given, cut_to_way, given_way
 from mjmotion.footsteps.pace import Pace, find_pace
 from mjmotion.footsteps.plan import Plan, Walk, on_ground
 from mjmotion.footsteps.settings import PlanSettings
-from mjmotion.footsteps.steps import bend_along, choose_footholds, loose_ends
+from mjmotion.footsteps.steps import (
+    bend_along,
+    can_be_stepped,
+    choose_footholds,
+    loose_ends,
+)
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, yaw_quat
 from mjmotion.route.way import find_route
@@ -73,14 +78,21 @@ def make_plan(
         recorded, found = cut_to_way(whole, found, way)
     # On its own way the recorded feet are still: bent, they slide a little where they stand.
     keep = isinstance(settings.path, str) and settings.path == "keep"
+    steps = tuple(one for one in found if not one.rests)
+    feet, ground = clip.character.feet, scene.ground_without(settings.avoid)
+    own, height = _stances(recorded, steps), float(scene.start_pos[2])
     route = find_route(
-        recorded, scene, given=way, keep=keep, climb=settings.climb, avoid=settings.avoid
+        recorded,
+        scene,
+        given=way,
+        keep=keep,
+        climb=settings.climb,
+        avoid=settings.avoid,
+        stepped=lambda: can_be_stepped(own, feet, ground, height),
     )
     source = route.bend.apply(recorded) if route.bent else recorded
-    steps = tuple(one for one in found if not one.rests)
-    spots, feet = _stances(source, steps), clip.character.feet
-    ground = scene.ground_without(settings.avoid)
-    footholds, turns = choose_footholds(spots, feet, ground, float(scene.start_pos[2]))
+    spots = _stances(source, steps) if route.bent else own
+    footholds, turns = choose_footholds(spots, feet, ground, height)
     if settings.footholds is not None:
         footholds, turns = as_given(settings.footholds, spots, (footholds, turns), feet, ground)
     pace, bent = Pace.none(source.nframe), source

@@ -65,6 +65,17 @@ def choose_footholds(
     return footholds_at(moved, feet, ground, chain.heights.tolist()), chain.turns
 
 
+def can_be_stepped(
+    stances: Sequence[Stance], feet: Sequence[Foot], ground: Ground, start_height: float
+) -> bool:
+    """Return whether a chain of steps along the stances' own way is one that people walk."""
+    try:
+        costs = find_chain(stances, feet, ground, start_height).costs
+    except SceneError:
+        return False
+    return bool((costs <= TOLERATED).all())
+
+
 def loose_ends(
     stances: Sequence[Stance], footholds: Sequence[Foothold], nframe: int
 ) -> tuple[Array, ...]:

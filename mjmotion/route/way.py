@@ -7,6 +7,7 @@ elsewhere = route.bend.apply(source)
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +83,7 @@ def find_route(
     keep: bool = False,
     climb: bool = False,
     avoid: tuple[str, ...] = (),
+    stepped: Callable[[], bool] = lambda: False,
 ) -> Route:
     """Return where a walk goes in a scene.
 
@@ -92,6 +94,7 @@ def find_route(
       keep: whether it keeps its own, whatever is in it.
       climb: whether what is higher than a step and has a top is climbed.
       avoid: names of geoms that are not ground.
+      stepped: says whether its own way has places for its steps, whatever the ground is between.
     """
     line = Centreline.of(source)
     width = BodyWidth.of(source, line, float(scene.start_pos[2]))
@@ -110,6 +113,10 @@ def find_route(
         space = find_free_space(scene, own, far, width.height, climb=climb, avoid=avoid)
         if keep or len(own) < 3 or space.lack(ahead, trunk).max() <= FREE:
             return _route(own, own, Bend.none(source.nframe), space, trunk)
+    body = np.array(trunk)
+    body[:, -1] = -np.inf  # of its tracks: what is solid alone
+    if space.lack(ahead, body).max() <= FREE and stepped():
+        return _route(own, own, Bend.none(source.nframe), space, body)
     points = line.spaced(STEP, AHEAD)
     lengths = STEP * np.arange(len(points), dtype=np.float64)
     asked = Asked(points, *needed_widths(width, lengths), _sharpest(line, lengths))
