@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import results_page
-from benchmarks import editing, levels, paper, quality, spacetime, speed, startup
+from benchmarks import batch, editing, levels, paper, quality, spacetime, speed, startup
 from benchmarks.figures import markdown, print_figures
 
 from mjmotion.exceptions import MotionError
@@ -25,7 +25,7 @@ from mjmotion.paper.figures import Figure
 from mjmotion.paper.terrain import make_job
 from mjmotion.paper.timing import machine
 
-PARTS = ("quality", "levels", "speed", "editing", "paper", "spacetime", "cli")
+PARTS = ("quality", "levels", "speed", "editing", "paper", "spacetime", "batch", "cli")
 PACKAGES = ("mujoco", "numpy", "mink")  # whose versions the page names
 
 
@@ -48,6 +48,10 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--scenes", nargs="+", default=quality.SCENES, help="for quality: names or files"
     )
+    parser.add_argument(
+        "--terrains", type=int, default=batch.TERRAINS, help="for batch: how many are walked on"
+    )
+    parser.add_argument("--jobs", type=int, default=batch.JOBS, help="for batch: of 1 % broken")
     args = parser.parse_args(argv)
     if args.write and (args.only or args.clips or args.scenes != quality.SCENES):
         parser.error("--write replaces the whole table: it needs all parts, clips and scenes")
@@ -82,7 +86,10 @@ def measure_quality(
 
 
 def measure(
-    parts: Sequence[str], clips: Sequence[str] | None, scenes: Sequence[str]
+    parts: Sequence[str],
+    clips: Sequence[str] | None,
+    scenes: Sequence[str],
+    batches: tuple[int, int] = (batch.TERRAINS, batch.JOBS),
 ) -> tuple[list[Figure], dict[str, Any]]:
     """Run parts of the benchmark and print their figures.
 
@@ -113,6 +120,9 @@ def measure(
             "\none large optimisation against many small: the terrain job, footholds fixed and free"
         )
         figures += spacetime.run(spacetime.make_jobs(), print_line)
+    if "batch" in parts:
+        print_line("\nbatch")
+        figures += batch.run(print_line, *batches)
     if "cli" in parts:
         print_line("\nstart")
         figures += startup.run(print_line)
@@ -130,7 +140,9 @@ def print_missed(figures: Sequence[Figure]) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     args = parse(argv)
     try:
-        figures, data = measure([args.only] if args.only else PARTS, args.clips, args.scenes)
+        parts = [args.only] if args.only else PARTS
+        sizes = (args.terrains, args.jobs)
+        figures, data = measure(parts, args.clips, args.scenes, sizes)
         print_missed(figures)
         if args.write:
             results_page.write("benchmark", markdown(figures), data["machine"], PACKAGES)

@@ -8,6 +8,7 @@ import errno
 import json
 import math
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -40,6 +41,7 @@ from mjmotion.apps.batch.storage import LocalStorage
 from mjmotion.apps.batch.summary import summarise
 from mjmotion.apps.batch.worker import THREADS, Task, environment, run_task
 from mjmotion.body.motion import Motion
+from mjmotion.cli.main import parse
 from mjmotion.clips import load_clip
 from mjmotion.exceptions import BatchError, OutputError
 
@@ -376,6 +378,14 @@ def test_a_worker_of_another_version_is_refused(clips: Path, tmp_path: Path) -> 
     task = Task(tuple(of(clips).jobs()), str(tmp_path), QUICK, version="0.0.0")
     with pytest.raises(BatchError, match=r"0\.0\.0"):
         run_task(task)
+
+
+def test_what_the_page_shows_is_taken() -> None:
+    text = (Path(__file__).parents[1] / "docs" / "batch.md").read_text("utf-8")
+    shown = [line for line in text.splitlines() if line.startswith("mjmotion batch ")]
+    assert len(shown) > 5
+    for line in shown:
+        assert parse(shlex.split(line)[1:]).command == "batch"
 
 
 # --- what is elsewhere ----------------------------------------------------------------------------

@@ -113,6 +113,10 @@ class Processes:
                 else:
                     yield task, rows
 
+    def pids(self) -> list[int]:
+        """Return the numbers of the processes that have started."""
+        return [known.result() for known in self._running.values() if _succeeded(known)]
+
     def close(self) -> None:
         """See :class:`Executor`."""
         for slot in list(self._pools):
@@ -137,9 +141,13 @@ class Processes:
         """End a worker at once; what it was making is not there."""
         pool, known = self._pools.pop(slot), self._running.pop(slot)
         pool.shutdown(wait=False, cancel_futures=True)
-        if known.done() and not known.cancelled() and known.exception() is None:
+        if _succeeded(known):
             with contextlib.suppress(OSError):
                 os.kill(known.result(), signal.SIGTERM)
+
+
+def _succeeded(future: Future[int]) -> bool:
+    return future.done() and not future.cancelled() and future.exception() is None
 
 
 def begin() -> None:
