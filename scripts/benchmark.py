@@ -18,6 +18,7 @@ from typing import Any
 
 import results_page
 from benchmarks import (
+    batch,
     editing,
     footing,
     levels,
@@ -39,7 +40,7 @@ from mjmotion.paper.timing import machine
 
 PARTS = (
     *("quality", "rough", "footing", "ways", "levels", "speed", "planning", "editing"),
-    *("paper", "spacetime", "cli"),
+    *("paper", "spacetime", "batch", "cli"),
 )
 PACKAGES = ("mujoco", "numpy", "mink")  # whose versions the page names
 
@@ -63,6 +64,10 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--scenes", nargs="+", default=quality.SCENES, help="for quality: names or files"
     )
+    parser.add_argument(
+        "--terrains", type=int, default=batch.TERRAINS, help="for batch: how many are walked on"
+    )
+    parser.add_argument("--jobs", type=int, default=batch.JOBS, help="for batch: of 1 % broken")
     args = parser.parse_args(argv)
     if args.write and (args.only or args.clips or args.scenes != quality.SCENES):
         parser.error("--write replaces the whole table: it needs all parts, clips and scenes")
@@ -97,7 +102,10 @@ def measure_quality(
 
 
 def measure(
-    parts: Sequence[str], clips: Sequence[str] | None, scenes: Sequence[str]
+    parts: Sequence[str],
+    clips: Sequence[str] | None,
+    scenes: Sequence[str],
+    batches: tuple[int, int] = (batch.TERRAINS, batch.JOBS),
 ) -> tuple[list[Figure], dict[str, Any]]:
     """Run parts of the benchmark and print their figures.
 
@@ -143,6 +151,9 @@ def measure(
         for what, seeds in (("tuned on", ways.TUNED), ("held back", ways.HELD_BACK)):
             print_line(f"\nways by seed, {what}: doors aside, corners, clutter, posts, mazes")
             figures += ways.run(seeds, print_line, what)
+    if "batch" in parts:
+        print_line("\nbatch")
+        figures += batch.run(print_line, *batches)
     if "cli" in parts:
         print_line("\nstart")
         figures += startup.run(print_line)
@@ -160,7 +171,9 @@ def print_missed(figures: Sequence[Figure]) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     args = parse(argv)
     try:
-        figures, data = measure([args.only] if args.only else PARTS, args.clips, args.scenes)
+        parts = [args.only] if args.only else PARTS
+        sizes = (args.terrains, args.jobs)
+        figures, data = measure(parts, args.clips, args.scenes, sizes)
         print_missed(figures)
         if args.write:
             results_page.write("benchmark", markdown(figures), data["machine"], PACKAGES)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mjmotion.body.feet import Foot
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import SceneError
-from mjmotion.footsteps.chain import find_chain, walkable_footholds
+from mjmotion.footsteps.chain import TOLERATED, find_chain, walkable_footholds
 from mjmotion.footsteps.footholds import Foothold, Stance, footholds_at
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.numerics.smoothing import ease

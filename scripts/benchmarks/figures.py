@@ -17,6 +17,7 @@ TITLES = {
     "editing": "Editing",
     "paper": "The paper's jobs, retargeting and joining",
     "spacetime": "Free footholds, and one large optimisation in place of many small",
+    "batch": "Thousands at once",
     "cli": "Start",
 }
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import time
 from collections.abc import Iterable, Iterator
 from typing import Any
 
 from mjmotion.apps.batch.executors import DIED, TRIES, Outcome, WorkerDied
+from mjmotion.apps.batch.rows import Row
 from mjmotion.apps.batch.worker import Task, run_task
 from mjmotion.exceptions import BatchError
 
@@ -16,6 +19,8 @@ PATIENCE = 600.0
 """How long a scheduler that went away may take to come back [s]."""
 _AHEAD = 2  # tasks for each thread of the cluster that are given to the scheduler
 _POLL = 0.5  # [s]
+# They would write to the terminal about what is dealt with here.
+_LOUD = ("distributed.client", "distributed.core", "distributed.comm", "distributed.utils")
 
 
 class Cluster:
@@ -44,9 +49,8 @@ class Cluster:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @property
-    def workers(self) -> int:
-        """Tasks that run at once, as far as is known now."""
+    def _workers(self) -> int:
+        """Return how many tasks run at once, as far as is known now."""
         try:
             return max(1, sum(self._client.nthreads().values()))
         except Exception:  # the scheduler is away: any error of Dask's, Tornado's or the system's
@@ -54,31 +58,27 @@ class Cluster:
 
     def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
         """See :class:`mjmotion.apps.batch.executors.Executor`."""
-        import distributed
-
         more = iter(tasks)
         waiting: list[Task] = []
         given: dict[Any, Task] = {}
         while True:
-            room = _AHEAD * self.workers - len(given)
+            room = _AHEAD * self._workers() - len(given)
             while room > 0 and (task := waiting.pop() if waiting else next(more, None)):
-                given[self._submit(task)] = task
+                future = self._submit(task)
+                if future is None:
+                    waiting.append(task)
+                    break
+                given[future] = task
                 room -= 1
-            if not given:
+            if not given and not waiting:
                 return
-            ended = self._ended(given)
-            lost = [future for future in ended if future.status in ("cancelled", "lost")]
-            for future in ended:
-                if future in lost:
-                    continue
-                task = given.pop(future)
-                error = future.exception() if future.status == "error" else None
-                if isinstance(error, distributed.scheduler.KilledWorker):
-                    yield task, WorkerDied(DIED.format(TRIES))
-                elif error is not None:
-                    yield task, error
+            lost = False
+            for future in self._ended(given):
+                outcome = _outcome(future)
+                if outcome is None:
+                    lost = True
                 else:
-                    yield task, future.result()
+                    yield given.pop(future), outcome
             if lost or self._client.status != "running":
                 # The scheduler is new and knows of nothing: all is given out again. What workers
                 # have written meanwhile is found by those that come to it.
@@ -91,9 +91,15 @@ class Cluster:
         self._client.close(timeout=2)
 
     def _submit(self, task: Task) -> Any:
+        """Return a future; None where the scheduler is away."""
         # Another key after every loss: under the old one the client remembers what was lost.
         key = f"mjmotion-{task.key}-{self._runs}"
-        return self._client.submit(run_task, task, key=key, pure=False)
+        try:
+            return self._client.submit(run_task, task, key=key, pure=False)
+        except Exception:  # Dask's own, or Tornado's
+            if self._client.status == "running":
+                raise
+            return None
 
     def _ended(self, given: dict[Any, Task]) -> list[Any]:
         """Return futures that have ended, after a while at the latest."""
@@ -127,6 +133,8 @@ class Cluster:
             import distributed
         except ImportError as error:
             raise BatchError(f"--dask needs {error.name}: pip install 'mjmotion[batch]'") from error
+        for name in _LOUD:
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         try:
             return distributed.Client(
                 self._address, timeout=timeout, set_as_default=False, heartbeat_interval=1000
@@ -136,3 +144,20 @@ class Cluster:
                 f"no Dask scheduler answers at '{self._address}': start one with 'dask scheduler',"
                 " and workers with 'dask worker ADDRESS --nthreads 1'"
             ) from error
+
+
+def _outcome(future: Any) -> list[Row] | Exception | None:
+    """Return what a task came to that has ended: lines, an error, or None where it was lost."""
+    import distributed
+
+    status = future.status
+    try:
+        if status == "finished":
+            rows: list[Row] = future.result(timeout=CONNECT)
+            return rows
+        error = future.exception(timeout=CONNECT) if status == "error" else None
+    except (Exception, asyncio.CancelledError):  # not the task's: it could not be asked for
+        return None
+    if isinstance(error, distributed.scheduler.KilledWorker):
+        return WorkerDied(DIED.format(TRIES))
+    return error if isinstance(error, Exception) else None

@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait as wait_for
@@ -55,9 +55,16 @@ class Processes:
     Args:
       workers: how many; one a core without.
       threads: of each; without, the cores are shared out.
+      call: what they do with a task; a function of a module.
     """
 
-    def __init__(self, workers: int | None = None, threads: int | None = None) -> None:
+    def __init__(
+        self,
+        workers: int | None = None,
+        threads: int | None = None,
+        call: Callable[[Task], list[Row]] = run_task,
+    ) -> None:
+        self._call = call
         cores = available_cores()
         self.workers = max(1, cores if workers is None else workers)
         self._threads = max(1, cores // self.workers) if threads is None else threads
@@ -106,6 +113,10 @@ class Processes:
                 else:
                     yield task, rows
 
+    def pids(self) -> list[int]:
+        """Return the numbers of the processes that have started."""
+        return [known.result() for known in self._running.values() if _succeeded(known)]
+
     def close(self) -> None:
         """See :class:`Executor`."""
         for slot in list(self._pools):
@@ -120,7 +131,7 @@ class Processes:
                 )
                 self._running[slot] = self._pools[slot].submit(os.getpid)
             try:
-                return self._pools[slot].submit(run_task, task)
+                return self._pools[slot].submit(self._call, task)
             except BrokenProcessPool as error:  # it died since it was last asked
                 broken: Future[list[Row]] = Future()
                 broken.set_exception(error)
@@ -130,9 +141,13 @@ class Processes:
         """End a worker at once; what it was making is not there."""
         pool, known = self._pools.pop(slot), self._running.pop(slot)
         pool.shutdown(wait=False, cancel_futures=True)
-        if known.done() and not known.cancelled() and known.exception() is None:
+        if _succeeded(known):
             with contextlib.suppress(OSError):
                 os.kill(known.result(), signal.SIGTERM)
+
+
+def _succeeded(future: Future[int]) -> bool:
+    return future.done() and not future.cancelled() and future.exception() is None
 
 
 def begin() -> None:
