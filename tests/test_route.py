@@ -260,8 +260,8 @@ def test_a_gap_bars_and_a_crack_does_not() -> None:
                 name=name, type=BOX, pos=(middle, 0.0, -0.1), size=(half, 3.0, 0.1)
             )
         space = space_of(Scene.from_spec(spec))
-        between = np.array(((2.0 + 0.5 * gap, 0.0),))
-        assert bool(space.lack(between, np.full(5, 0.12))[0] > 0.0) == barred
+        over = np.array(((2.0 + 0.5 * gap, 0.0),))
+        assert bool(space.lack(over, np.full(5, 0.12))[0] > 0.0) == barred
 
 
 def test_a_mesh_with_an_arch_is_passed_under() -> None:

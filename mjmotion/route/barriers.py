@@ -15,7 +15,7 @@ from mjmotion.route.walkable import STRIDE
 
 Array = NDArray[np.float64]
 
-HANGS = 0.8  # what has its bottom higher over the floor is a lintel [m]
+HANGS = 0.3  # what has its bottom higher over the floor is a lintel [m]
 TALL = 1.3  # what is higher than this, and no lintel, is a wall, or a post where it is slender [m]
 SLENDER = 0.45  # a post is no wider [m]
 

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 CELL = 0.05  # of the grid [m]
-FAR = 0.8  # further away than this nothing is told [m]
+FAR = 0.65  # further away than this nothing is told [m]
 CLIMB = 0.95  # what is no higher is climbed on or over, where that is asked for [m]
 UNDER = 0.03  # room that a head wants [m]
 _LEVEL = 0.3  # grounds that differ by less are one level to a shape [m]
@@ -73,6 +73,12 @@ class FreeSpace:
         near = (1.0 - v) * ((1.0 - u) * layers[:, row, column] + u * layers[:, row, column + 1])
         far = (1.0 - u) * layers[:, row + 1, column] + u * layers[:, row + 1, column + 1]
         return np.moveaxis(near + v * far, 0, -1)
+
+    def holds(self, points: Array) -> bool:
+        """Return whether points (n, 2) [m] are all well within the grid."""
+        size = CELL * np.array(self.overhead.shape)[::-1]
+        inside = (points > self.corner + FAR) & (points < self.corner + size - FAR)
+        return bool(inside.all())
 
     def lack(self, points: Array, needed: Array) -> Array:
         """Return how much nearer than needed (..., nband + 1) what bars is at points (..., 2) [m].

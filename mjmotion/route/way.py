@@ -16,7 +16,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.route.bend import Bend
 from mjmotion.route.centreline import Centreline, at_lengths
 from mjmotion.route.fit import FINE, fit_line
-from mjmotion.route.free_space import FreeSpace, find_free_space
+from mjmotion.route.free_space import FAR, FreeSpace, find_free_space
 from mjmotion.route.given import rounded
 from mjmotion.route.search import SHARPEST, STEP, Asked, find_way
 from mjmotion.route.width import BodyWidth
@@ -28,7 +28,7 @@ MARGIN = 0.03  # room beside trunk and legs [m]
 SWING = 0.05  # room beside arms [m]
 FREE = 0.02  # a line that lacks no more of what trunk and legs take up is free [m]
 TRACK = 0.12  # half width of what a walk needs as ground [m]
-REACH = (1.5, 6.0)  # how far around its line a walk may go, at least and at most [m]
+REACH = (2.5, 8.0)  # how far around its line a walk may go, at least and at most [m]
 BESIDE = 1.0  # how far around its own line it is first looked whether that is free [m]
 AHEAD = 0.4  # how much further a foot is put than the line goes [m]
 LAST = 0.2  # as much of that counts for its own line [m]
@@ -107,9 +107,8 @@ def find_route(
         around = np.concatenate((source.qpos[:1, :2], new))
         space = find_free_space(scene, around, REACH[0], width.height, climb=climb, avoid=avoid)
         return _route(own, new, line.bend(new), space, trunk)
-    reach = float(np.clip(0.8 * line.whole, *REACH))
     # Whether the own line is free shows next to it: the rest is only looked at where it is not.
-    for far in (reach,) if keep else (BESIDE, reach):
+    for far in (REACH[0],) if keep else (BESIDE, REACH[0]):
         space = find_free_space(scene, own, far, width.height, climb=climb, avoid=avoid)
         if keep or len(own) < 3 or space.lack(ahead, trunk).max() <= FREE:
             return _route(own, own, Bend.none(source.nframe), space, trunk)
@@ -121,6 +120,10 @@ def find_route(
     lengths = STEP * np.arange(len(points), dtype=np.float64)
     asked = Asked(points, *needed_widths(width, lengths), _sharpest(line, lengths))
     new = fit_line(find_way(asked, space), asked, space)
+    if not space.holds(new):  # it leaves what was looked at: round a corner, mostly
+        reach = float(np.clip(line.whole, *REACH))
+        space = find_free_space(scene, own, reach, width.height, climb=climb, avoid=avoid)
+        new = fit_line(find_way(asked, space), asked, space)
     count = min(len(new), len(trunk))
     return _route(own, new, line.bend(new), space, trunk[:count])
 
@@ -142,7 +145,9 @@ def needed_widths(width: BodyWidth, lengths: Array) -> tuple[Array, Array]:
     track = np.full((len(lengths), 1), TRACK)
     trunk = np.column_stack((trunk + MARGIN, track))
     swung = np.column_stack((swung + SWING, track))
-    return np.maximum(swung, trunk), trunk
+    # Nothing is told of what is further off than FAR: nothing wider can be asked for.
+    widest = FAR - MARGIN
+    return np.minimum(np.maximum(swung, trunk), widest), np.minimum(trunk, widest)
 
 
 def _sharpest(line: Centreline, lengths: Array) -> Array:
