@@ -15,16 +15,9 @@ from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.footsteps.apart import ASIDE_PULL, BESIDE, aside
 from mjmotion.footsteps.contacts import Contact, detect_contacts
-from mjmotion.footsteps.footholds import (
-    CROSSING,
-    FEET_APART,
-    Foothold,
-    Stance,
-    contacts_of,
-    find_footholds,
-    find_stances,
-)
+from mjmotion.footsteps.footholds import CROSSING, FEET_APART, Foothold, find_footholds
 from mjmotion.footsteps.paths import FootPath, foot_path
+from mjmotion.footsteps.stances import Stance, contacts_of, find_stances
 from mjmotion.numerics.rotations import rotate, yaw_quat
 from mjmotion.scene import Scene
 from mjmotion.scene.ground import Ground

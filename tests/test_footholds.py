@@ -12,7 +12,8 @@ from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError, ModelError, SceneError
 from mjmotion.footsteps.contacts import Contact, detect_contacts
-from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds, find_stances
+from mjmotion.footsteps.footholds import Foothold, find_footholds
+from mjmotion.footsteps.stances import Stance, find_stances
 from mjmotion.numerics.rotations import rotate, yaw_quat
 from mjmotion.scene import Scene
 from mjmotion.scene.ground import Ground

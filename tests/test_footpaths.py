@@ -15,8 +15,9 @@ from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.motion import Motion
 from mjmotion.clips import load_clip
 from mjmotion.footsteps.contacts import Contact, contact_mask, detect_contacts
-from mjmotion.footsteps.footholds import find_footholds, find_stances
+from mjmotion.footsteps.footholds import find_footholds
 from mjmotion.footsteps.paths import FootPath, foot_path
+from mjmotion.footsteps.stances import find_stances
 from mjmotion.numerics.rotations import conjugate, log, multiply, rotate
 from mjmotion.scene import Scene
 from mjmotion.scene.ground import Ground

@@ -21,11 +21,11 @@ from mjmotion.footsteps.ankles import (
     trim_heel_contacts,
 )
 from mjmotion.footsteps.contacts import Contact, contact_mask
-from mjmotion.footsteps.footholds import Stance
 from mjmotion.footsteps.paths import FootPath
 from mjmotion.footsteps.pelvis import MOST_BACK, ROLLING, mean_shift, push_offs, root_shift
 from mjmotion.footsteps.plan import Plan
 from mjmotion.footsteps.planning import make_plan
+from mjmotion.footsteps.stances import Stance
 from mjmotion.numerics.rotations import exp, rotate
 from mjmotion.output.result import Result
 from mjmotion.scene import Scene, flat, stairs

@@ -11,8 +11,9 @@ from mjmotion.body.kinematics import Kinematics
 from mjmotion.body.motion import Motion
 from mjmotion.clips.gait import Segment, make_walk
 from mjmotion.footsteps.contacts import Contact, detect_contacts
-from mjmotion.footsteps.footholds import Foothold, Stance, find_stances
+from mjmotion.footsteps.footholds import Foothold
 from mjmotion.footsteps.paths import FootPath, foot_path
+from mjmotion.footsteps.stances import Stance, find_stances
 from mjmotion.numerics.rotations import rotate
 from mjmotion.scene import Scene
 from mjmotion.scene.builders import stairs

@@ -19,12 +19,13 @@ from mjmotion.exceptions import FitError, SceneError
 from mjmotion.footsteps.chain import Chain, find_chain
 from mjmotion.footsteps.changes import changes
 from mjmotion.footsteps.contacts import Contact, detect_contacts
-from mjmotion.footsteps.footholds import Foothold, Stance, find_stances
+from mjmotion.footsteps.footholds import Foothold
 from mjmotion.footsteps.pace import Pace, find_pace
 from mjmotion.footsteps.plan import Plan
 from mjmotion.footsteps.planning import make_plan
 from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.footsteps.spots import Spots
+from mjmotion.footsteps.stances import Stance, find_stances
 from mjmotion.footsteps.steps import bend_along, choose_footholds, loose_ends
 from mjmotion.footsteps.way import Way
 from mjmotion.scene import Scene

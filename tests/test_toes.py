@@ -14,10 +14,11 @@ from mjmotion.clips import load_clip
 from mjmotion.clips.foot_planting import toe_bend
 from mjmotion.clips.recorded_feet import RecordedFoot
 from mjmotion.footsteps.contacts import Contact, contact_mask
-from mjmotion.footsteps.footholds import Stance, find_footholds
+from mjmotion.footsteps.footholds import find_footholds
 from mjmotion.footsteps.paths import turned_about_toes, with_toes
 from mjmotion.footsteps.plan import Plan, with_ends
 from mjmotion.footsteps.planning import make_plan
+from mjmotion.footsteps.stances import Stance
 from mjmotion.footsteps.toes import ball_over_tip, pitch_between, rolled_no_further
 from mjmotion.footsteps.under_toes import TOES_DOWN, TOES_UP, toes_on_ground
 from mjmotion.ik.count import parameters

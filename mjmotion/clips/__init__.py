@@ -152,14 +152,7 @@ def load_clip(
         return map_recording(path, character, **how, **going_on).motion
     suffix = path.suffix.lower()
     if suffix in ("", ".npz", ".csv"):
-        _check_no_recording(
-            path,
-            mapping=mapping,
-            asf=asf,
-            in_place=in_place,
-            loop=loop,
-            floor=None if floor == "auto" else floor,
-        )
+        _check_no_recording(path, loop, floor, mapping=mapping, asf=asf, in_place=in_place)
     if suffix == "" and not path.exists():
         names = builtin_clips()
         if str(path_or_name) not in names:
@@ -175,13 +168,14 @@ def load_clip(
     return motion if fps is None else Motion(character, motion.qpos, fps)
 
 
-def _check_no_recording(path: Path, loop: int, **given: object) -> None:
+def _check_no_recording(path: Path, loop: int, floor: str, **given: object) -> None:
     """Refuse what is for recordings alone.
 
     Raises:
       ClipError: by the names of the command line.
     """
-    meant = [name for name, value in given.items() if value is not None] + ["loop"] * (loop != 1)
+    meant = [name for name, value in given.items() if value is not None]
+    meant += ["loop"] * (loop != 1) + ["floor"] * (floor != "auto")
     if meant:
         options = ", ".join(f"--{name.replace('_', '-')}" for name in meant)
         raise ClipError(f"'{path}' is no recording on a skeleton of its own: leave {options}")

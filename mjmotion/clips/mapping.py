@@ -123,8 +123,7 @@ def map_clip(
     for foot, own in zip(planted, humanoid.feet, strict=True):
         qpos = _with_toes(qpos, foot, own, humanoid, clip.fps)
     check_steady(clip, qpos)
-    excess = character.limits.excess(qpos)
-    clamped = int((excess > 1e-9).any(axis=1).sum())
+    clamped = int((character.limits.excess(qpos) > 1e-9).any(axis=1).sum())
     kept = keep_recording(recorded, turn, start, ground)
     motion = Motion(character, character.limits.clamp(qpos), clip.fps, kept)
     return Mapped(motion, source.scale, source.up_axis, clamped, notes, odd)

@@ -20,8 +20,9 @@ from mjmotion.body.kinematics import site_id
 from mjmotion.body.limbs import Limbs, LimbState
 from mjmotion.body.motion import Motion
 from mjmotion.footsteps.contacts import Contact, contact_mask
-from mjmotion.footsteps.footholds import Foothold, Stance
+from mjmotion.footsteps.footholds import Foothold
 from mjmotion.footsteps.paths import FootPath, turned_about_toes
+from mjmotion.footsteps.stances import Stance
 from mjmotion.footsteps.swings import frames_to
 from mjmotion.numerics.rotations import conjugate, exp, multiply, rotate
 from mjmotion.numerics.smoothing import cover, ease, envelope

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from mjmotion.body.feet import Foot
 from mjmotion.exceptions import SceneError, frame_list
-from mjmotion.footsteps.footholds import Foothold, Stance, each_foothold
+from mjmotion.footsteps.footholds import Foothold, each_foothold
 from mjmotion.footsteps.spots import CELL, Spots
+from mjmotion.footsteps.stances import Stance
 from mjmotion.footsteps.step_costs import Placed, Step, best_steps
 from mjmotion.footsteps.way import Way
 from mjmotion.scene.ground import Ground

@@ -27,6 +27,7 @@ from mjmotion.boundary.structured import read_json
 from mjmotion.boundary.whole import write_whole
 from mjmotion.exceptions import ContactError, MotionError, wrong_type
 from mjmotion.footsteps.raised import not_raised
+from mjmotion.footsteps.runs import hysteresis, merged, resting
 
 Array = NDArray[np.float64]
 
@@ -154,8 +155,8 @@ def detect_contacts(
         pace = speed[:, column]
         begin = (height < settings.low) & (pace < settings.slow)
         stay = (height < settings.high) & (pace < settings.fast)
-        runs = _merged(hysteresis(begin, stay), settings.gap * motion.fps)
-        for start, end in (_resting(height, run, settings.rise) for run in runs):
+        runs = merged(hysteresis(begin, stay), settings.gap * motion.fps)
+        for start, end in (resting(height, run, settings.rise) for run in runs):
             whole = start == 0 or end == motion.nframe
             if end - start >= settings.shortest * motion.fps or (whole and end - start > 1):
                 found.append(Contact(name, start, end))
@@ -192,7 +193,7 @@ def _with_rests(
     rests = [
         Contact(model.site(site).name, start, end)
         for column, site in enumerate(ids)
-        for start, end in _merged(hysteresis(begin[:, column], stay[:, column]), settings.gap * fps)
+        for start, end in merged(hysteresis(begin[:, column], stay[:, column]), settings.gap * fps)
         if end - start >= settings.rest_shortest * fps
     ]
     for side in {one.site.removesuffix("_knee") for one in rests if one.site.endswith("_knee")}:
@@ -290,34 +291,6 @@ def _tilt(height: Array, speed: Array, settings: ContactSettings, fps: float) ->
     lowest = minimum_filter1d(np.where(still, height, np.inf), size, mode="nearest")
     known = np.clip(np.where(np.isfinite(lowest), lowest, 0.0), 0.0, settings.tilt)
     return np.asarray(uniform_filter1d(known, max(1, size // 4), mode="nearest"))
-
-
-def hysteresis(begin: NDArray[np.bool_], stay: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return runs of ``stay`` that contain a frame of ``begin``, from the first such frame on."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], stay.astype(np.int8), [0]))))
-    runs = []
-    for start, end in edges.reshape(-1, 2):
-        first = np.flatnonzero(begin[start:end])
-        if len(first):
-            runs.append((int(start + first[0]), int(end)))
-    return runs
-
-
-def _resting(height: Array, run: tuple[int, int], rise: float) -> tuple[int, int]:
-    """Cut a run where the site has not come down yet, or is on its way up."""
-    start, end = run
-    low = np.flatnonzero(height[start:end] < np.quantile(height[start:end], 0.3) + rise)
-    return (start + int(low[0]), start + int(low[-1]) + 1)
-
-
-def _merged(runs: list[tuple[int, int]], gap: float) -> list[tuple[int, int]]:
-    merged: list[tuple[int, int]] = []
-    for start, end in runs:
-        if merged and start - merged[-1][1] <= gap:
-            merged[-1] = (merged[-1][0], end)
-        else:
-            merged.append((start, end))
-    return merged
 
 
 def check_contacts(

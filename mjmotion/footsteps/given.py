@@ -17,8 +17,9 @@ from mjmotion.body.feet import Foot
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError
 from mjmotion.footsteps.contacts import Contact
-from mjmotion.footsteps.footholds import Foothold, Stance, footholds_at
+from mjmotion.footsteps.footholds import Foothold, footholds_at
 from mjmotion.footsteps.settings import PlanSettings
+from mjmotion.footsteps.stances import Stance
 from mjmotion.numerics.rotations import rotate, yaw_quat
 from mjmotion.route.centreline import Centreline
 from mjmotion.route.given import check_way, way_sites

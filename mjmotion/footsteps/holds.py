@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmotion.body.feet import Foot
-from mjmotion.footsteps.footholds import Foothold, Stance
+from mjmotion.footsteps.footholds import Foothold
 from mjmotion.footsteps.soles import STEP
+from mjmotion.footsteps.stances import Stance
 from mjmotion.footsteps.swings import STUCK
 from mjmotion.footsteps.toes import ball_over_tip, pitch_between
 from mjmotion.numerics.rotations import exp, multiply, normalized, rotate

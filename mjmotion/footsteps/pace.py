@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from mjmotion.body.motion import Motion
 from mjmotion.body.sampling import sample
 from mjmotion.footsteps.contacts import Contact
-from mjmotion.footsteps.footholds import Foothold, Stance
+from mjmotion.footsteps.footholds import Foothold
+from mjmotion.footsteps.stances import Stance
 from mjmotion.numerics.smoothing import follow
 
 Array = NDArray[np.float64]

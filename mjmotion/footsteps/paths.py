@@ -19,8 +19,9 @@ from mjmotion.body.feet import Foot
 from mjmotion.body.kinematics import Pose, root_body, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.constraints.shared_targets import SharedMove
-from mjmotion.footsteps.footholds import Foothold, Stance, carried
+from mjmotion.footsteps.footholds import Foothold, carried
 from mjmotion.footsteps.holds import Holds, rolled_less
+from mjmotion.footsteps.stances import Stance
 from mjmotion.footsteps.swings import DIP, FADE_FRAMES, StepOver, wanted_clearance
 from mjmotion.footsteps.toes import (
     kept_up,

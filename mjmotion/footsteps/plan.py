@@ -27,15 +27,12 @@ from mjmotion.footsteps.ankles import (
 )
 from mjmotion.footsteps.apart import aside
 from mjmotion.footsteps.contacts import Contact
-from mjmotion.footsteps.footholds import (
-    Foothold,
-    Stance,
-    contacts_of,
-)
+from mjmotion.footsteps.footholds import Foothold
 from mjmotion.footsteps.obstacles import Obstacle, find_obstacles
 from mjmotion.footsteps.paths import Detour, FootPath, foot_path, free_footholds
 from mjmotion.footsteps.pelvis import ROLLING, push_offs, root_shift, within_reach
 from mjmotion.footsteps.rests import Rest, find_rests, knee_paths, kneeling, sitting
+from mjmotion.footsteps.stances import Stance, contacts_of
 from mjmotion.route.way import Route
 from mjmotion.scene import Scene
 from mjmotion.scene.ground import Ground
@@ -170,7 +167,13 @@ def on_ground(walk: Walk, scene: Scene) -> Plan:
     resting = tuple(one.contact for one in ways.rests)
     found = tuple(sorted((*found, *resting), key=lambda one: (one.start, one.site)))
     return Plan(
-        *(source, found, paths, tuple(stances), footholds, shift, obstacles),
+        source=source,
+        contacts=found,
+        paths=paths,
+        stances=tuple(stances),
+        footholds=footholds,
+        root_shift=shift,
+        obstacles=obstacles,
         ground=ground,
         back=back,
         still=None if source is walk.still else walk.still,

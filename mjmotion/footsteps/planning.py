@@ -17,17 +17,12 @@ from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ContactError
 from mjmotion.fitting import fit
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
-from mjmotion.footsteps.footholds import (
-    Foothold,
-    Stance,
-    contacts_of,
-    find_footholds,
-    find_stances,
-)
+from mjmotion.footsteps.footholds import Foothold, find_footholds
 from mjmotion.footsteps.given import as_given, cut_to_way, given_way
 from mjmotion.footsteps.pace import Pace, find_pace
 from mjmotion.footsteps.plan import Plan, Walk, on_ground
 from mjmotion.footsteps.settings import PlanSettings
+from mjmotion.footsteps.stances import Stance, contacts_of, find_stances
 from mjmotion.footsteps.steps import (
     bend_along,
     can_be_stepped,
@@ -36,7 +31,7 @@ from mjmotion.footsteps.steps import (
 )
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, yaw_quat
-from mjmotion.route.way import find_route
+from mjmotion.route.way import Route, find_route
 from mjmotion.scene import Scene
 
 Array = NDArray[np.float64]
@@ -76,22 +71,12 @@ def make_plan(
     way = given_way(scene, settings)
     if way is not None:
         recorded, found = cut_to_way(whole, found, way)
-    # On its own way the recorded feet are still: bent, they slide a little where they stand.
-    keep = isinstance(settings.path, str) and settings.path == "keep"
     steps = tuple(one for one in found if not one.rests)
     feet, ground = clip.character.feet, scene.ground_without(settings.avoid)
-    own, height = _stances(recorded, steps), float(scene.start_pos[2])
-    route = find_route(
-        recorded,
-        scene,
-        given=way,
-        keep=keep,
-        climb=settings.climb,
-        avoid=settings.avoid,
-        stepped=lambda: can_be_stepped(own, feet, ground, height),
-    )
+    height = float(scene.start_pos[2])
+    route = _route(recorded, steps, scene, way, settings)
     source = route.bend.apply(recorded) if route.bent else recorded
-    spots = _stances(source, steps) if route.bent else own
+    spots = _stances(source, steps)
     footholds, turns = choose_footholds(spots, feet, ground, height)
     if settings.footholds is not None:
         footholds, turns = as_given(settings.footholds, spots, (footholds, turns), feet, ground)
@@ -111,6 +96,31 @@ def make_plan(
         recorded=pace.apply(recorded) if route.bent or turns is not None else None,
         original=None if pace.same and whole is recorded else whole,
         detected=detected,
+    )
+
+
+def _route(
+    clip: Motion,
+    steps: tuple[Contact, ...],
+    scene: Scene,
+    way: Array | None,
+    settings: PlanSettings,
+) -> Route:
+    """Return where a clip goes, who stands when being known."""
+    feet, ground = clip.character.feet, scene.ground_without(settings.avoid)
+
+    def stepped() -> bool:
+        stances = _stances(clip, steps)
+        return can_be_stepped(stances, feet, ground, float(scene.start_pos[2]))
+
+    return find_route(
+        clip,
+        scene,
+        given=way,
+        keep=isinstance(settings.path, str) and settings.path == "keep",
+        climb=settings.climb,
+        avoid=settings.avoid,
+        stepped=stepped,
     )
 
 

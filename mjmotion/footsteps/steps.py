@@ -18,7 +18,8 @@ from mjmotion.body.feet import Foot
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import SceneError
 from mjmotion.footsteps.chain import TOLERATED, find_chain, walkable_footholds
-from mjmotion.footsteps.footholds import Foothold, Stance, footholds_at
+from mjmotion.footsteps.footholds import Foothold, footholds_at
+from mjmotion.footsteps.stances import Stance
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.numerics.smoothing import ease
 from mjmotion.route.bend import Bend, smooth_bend

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmotion.footsteps.footholds import Foothold, Stance
+from mjmotion.footsteps.footholds import Foothold
+from mjmotion.footsteps.stances import Stance
 from mjmotion.numerics.rotations import rotate
 from mjmotion.numerics.smoothing import envelope
 from mjmotion.scene.ground import Ground

@@ -21,8 +21,9 @@ from mjmotion.body.feet import Foot
 from mjmotion.body.kinematics import Kinematics, Pose, site_id
 from mjmotion.body.motion import Motion
 from mjmotion.footsteps.contacts import Contact
-from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds, find_stances
+from mjmotion.footsteps.footholds import Foothold, find_footholds
 from mjmotion.footsteps.paths import FootPath, foot_path
+from mjmotion.footsteps.stances import Stance, find_stances
 from mjmotion.numerics.rotations import from_matrix
 from mjmotion.numerics.smoothing import ease
 from mjmotion.scene.ground import Ground

@@ -29,7 +29,8 @@ from mjmotion.constraints import SiteConstraint
 from mjmotion.exceptions import SessionError, unknown_name
 from mjmotion.fitting import TOLERANCE, Trace
 from mjmotion.footsteps.contacts import Contact
-from mjmotion.footsteps.footholds import Foothold, Stance, find_footholds
+from mjmotion.footsteps.footholds import Foothold, find_footholds
+from mjmotion.footsteps.stances import Stance
 from mjmotion.ik.solver import default_rigidity
 from mjmotion.numerics.rotations import conjugate, exp, log, multiply, rotate, yaw_quat
 from mjmotion.numerics.smoothing import ease
