@@ -269,6 +269,19 @@ class _Walk:
     loose: tuple[Array, ...] = ()
 
 
+_Spots = tuple[Sequence[Stance], Sequence[Foothold]]
+
+
+def _changed(old: _Spots, new: _Spots) -> set[int]:
+    """Return the feet any of whose stances or footholds is another than before."""
+    return {
+        stance.foot
+        for before, after in zip(old, new, strict=True)
+        for was, now, stance in zip(before, after, new[0], strict=True)
+        if now is not was
+    }
+
+
 def _on_ground(walk: _Walk, scene: Scene) -> Plan:
     """Plan the ways from foothold to foothold, one a stance, and what rests besides."""
     source, recorded, ground = walk.source, walk.recorded, scene.ground
@@ -295,11 +308,10 @@ def _on_ground(walk: _Walk, scene: Scene) -> Plan:
     landed = flat_landings(shifted(source, shift), feet, paths, stances)
     if any(new is not old for new, old in zip(landed, stances, strict=True)):
         found = contacts_of(landed, feet)
-    if any(
-        new is not old for new, old in zip((*turned, *landed), (*footholds, *stances), strict=True)
-    ):
+    other = _changed((stances, footholds), (landed, turned))
+    if other:
         footholds, stances = turned, landed
-        paths = tuple(planned(index) for index in range(len(feet)))
+        paths = tuple(planned(i) if i in other else path for i, path in enumerate(paths))
     moves = aside(feet, paths, pose, source.fps)
     tips = push_offs(source, pose, paths, found, shift)
     paths = tuple(
@@ -310,9 +322,13 @@ def _on_ground(walk: _Walk, scene: Scene) -> Plan:
     spots = (stances, footholds)
     found = trim_toe_contacts(found, feet, paths, spots, SHORTEST * source.fps)
     stances = with_ends(stances, feet, found)
-    if any(new is not old for new, old in zip(stances, spots[0], strict=True)):
-        details = zip(moves, tips, strict=True)
-        paths = tuple(planned(index, Detour(*detail)) for index, detail in enumerate(details))
+    other = _changed(spots, (stances, footholds))
+    if other:
+        details = zip(paths, moves, tips, strict=True)
+        paths = tuple(
+            planned(index, Detour(move, tip)) if index in other else path
+            for index, (path, move, tip) in enumerate(details)
+        )
     shift, back = root_shift(source, pose, paths, found)
     near = within_reach(source, pose, paths, found, shift)
     relaxed, trimmed = relax_ankles(shifted(source, shift), feet, near, found)
