@@ -41,6 +41,7 @@ RAISED = 1.0  # how much higher such an obstacle is taken to be [m]
 _ABREAST = 0.5**0.5  # cosine to the way of what is beside it, where it is nearest
 _ROOM = 0.2  # half of what a trunk takes up [m]
 _NEAR = 1.3  # an obstacle this far from the root's path is out of reach [m]
+_ROUNDING = 1e-9  # by which a first, coarse look is wider than the close one [m]
 _CONVEX = (
     mujoco.mjtGeom.mjGEOM_SPHERE,
     mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -332,11 +333,22 @@ class ObstacleClearance:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Frame, geom and obstacle number of pairs whose bounding shapes come within the margin."""
         walls = np.flatnonzero(self._counts)
-        centre = geom_xpos[:, self._geoms, None]
-        gap = np.maximum(0.0, np.maximum(self._low[walls] - centre, centre - self._high[walls]))
-        bound = self.model.geom_rbound[self._geoms][None, :, None] + self._margins[walls]
-        frame, geom, wall = np.nonzero(np.einsum("fgoi,fgoi->fgo", gap, gap) < bound * bound)
-        wall = walls[wall]
+        low, high, margin = self._low[walls], self._high[walls], self._margins[walls]
+        centre = geom_xpos[:, self._geoms]
+        radius = self.model.geom_rbound[self._geoms]
+        # The whole body first: most obstacles are far from all of it.
+        first = (centre - radius[:, None]).min(axis=1)[:, None]
+        last = (centre + radius[:, None]).max(axis=1)[:, None]
+        room = margin[:, None] + _ROUNDING
+        frame, wall = np.nonzero(((first <= high + room) & (last >= low - room)).all(axis=2))
+        place = centre[frame]
+        gap = np.maximum(low[wall, None] - place, place - high[wall, None])
+        gap = np.maximum(0.0, gap)
+        bound = radius + margin[wall, None]
+        pair, geom = np.nonzero(np.einsum("pgi,pgi->pg", gap, gap) < bound * bound)
+        frame, wall = frame[pair], walls[wall[pair]]
+        order = np.lexsort((wall, geom, frame))
+        frame, geom, wall = frame[order], geom[order], wall[order]
         passed = np.einsum("mi,mi->m", geom_xpos[frame, self._geoms[geom]], self._along[wall])
         level = (passed > self._span[wall, 0]) & (passed < self._span[wall, 1])
         return frame[level], self._geoms[geom[level]], wall[level]
