@@ -127,7 +127,7 @@ def test_on_level_ground_arms_are_as_they_were(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_on_stairs_arms_swing_further(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = Scene.from_spec(stairs())
+    scene = Scene.from_spec(stairs(rise=0.2))
     result = adapt(clip(), scene)
     asked = SiteConstraint("right_hand", np.array([10]), None, np.array([[1.0, 0.0, 0.0, 0.0]]))
     named = adapt(clip(), scene, constraints=[asked])
@@ -138,7 +138,9 @@ def test_on_stairs_arms_swing_further(monkeypatch: pytest.MonkeyPatch) -> None:
         - lift(without.motion, f"{side}_upper_arm", f"{side}_forearm")
         for side in ("left", "right")
     }
-    assert min(gain.max() for gain in gained.values()) > 0.1
+    # One tread a step: the side that steps up the last lifts its thigh little more than before.
+    assert min(gain.max() for gain in gained.values()) > 0.04
+    assert max(gain.max() for gain in gained.values()) > 0.15
     assert max(gain.max() for gain in gained.values()) < 1.05 * MOST
     figures, before = result.validate(), without.validate()
     assert figures.metrics["self_overlap_mm"] < before.metrics["self_overlap_mm"] + 1.0

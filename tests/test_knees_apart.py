@@ -25,7 +25,7 @@ from mjmotion.validation.self_overlap import SelfOverlap, beyond
 
 LEGS = [f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shank", "foot")]
 KNOCK = 0.5  # by how much knees are turned inwards [rad]
-SITES = ("left_knee", "left_foot")
+SITES = ("left_shin", "left_foot")
 ROOM = 0.3  # time before and after in which they are turned out [s]
 
 
@@ -116,7 +116,7 @@ def test_legs_that_do_not_meet_are_left_alone() -> None:
 def test_what_is_asked_of_a_shank_comes_first() -> None:
     """Turning a knee out would take from its target what the fit has given it."""
     spec = mujoco.MjSpec.from_file(str(find_asset("model", "humanoid")))
-    spec.body("left_shank").add_site(name="left_knee")
+    spec.body("left_shank").add_site(name="left_shin")
     source = Motion(Character.of(spec.compile()), clip().qpos, clip().fps)
     plan = make_plan(source, Scene.from_spec(flat()))
     fitted = fit(knocked(plan.source, 20, 50), [], levels=[8.0])

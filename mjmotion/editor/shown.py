@@ -19,9 +19,11 @@ from mjmotion.body.kinematics import root_body, site_positions
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import ModelError
 from mjmotion.fitting import Trace
-from mjmotion.footsteps.contacts import RESTS, Contact
+from mjmotion.footsteps.contacts import Contact
 
 Array = NDArray[np.float64]
+
+_UNSEEN = ("_palm", "seat")  # sites beside others that are dragged in their place
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -96,7 +98,7 @@ class Shown:
             if model.body_rootid[model.site_bodyid[i]] == root
             and model.site(i).name
             # What only rests on the ground is no handle: it would lie upon another.
-            and not model.site(i).name.endswith(RESTS)
+            and not model.site(i).name.endswith(_UNSEEN)
         }
 
     def sites_near(self, body: str) -> tuple[str, ...]:

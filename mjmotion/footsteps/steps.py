@@ -48,6 +48,8 @@ def choose_footholds(
     Raises:
       SceneError: there is nothing to stand on within reach of a step.
     """
+    if not stances:  # of one who only kneels or crawls
+        return (), None
     try:
         near = walkable_footholds(stances, feet, ground, start_height)
         if near is not None:
