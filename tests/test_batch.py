@@ -32,6 +32,7 @@ from mjmotion.apps.batch import (
     run_batch,
     worker,
 )
+from mjmotion.apps.batch.cluster import Cluster
 from mjmotion.apps.batch.executors import Outcome
 from mjmotion.apps.batch.page import page
 from mjmotion.apps.batch.record import Record
@@ -44,6 +45,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.cli.main import parse
 from mjmotion.clips import load_clip
 from mjmotion.exceptions import BatchError, OutputError
+from mjmotion.output.reading import read_results
 
 FRAMES = 40
 QUICK = Settings(report=False)
@@ -340,24 +342,50 @@ def test_the_command_refuses_in_one_line(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("report", [False, True])
 def test_a_full_disk_ends_the_run_and_loses_nothing(
-    clips: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    clips: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, report: bool
 ) -> None:
     out = tmp_path / "out"
+    monkeypatch.setenv("MUJOCO_GL", "off")
+    batch = of(clips, "[ab]*", dataclasses.replace(QUICK, report=report))
     own, saved = Motion.save, []
 
     def save(self: Motion, path: Path, **how: bool) -> None:
         saved.append(path)
-        if len(saved) == 3:
+        if len(saved) == (5 if report else 3):  # with the report the source is saved, too
             raise OSError(errno.ENOSPC, "No space left on device")
         own(self, path, **how)
 
     with monkeypatch.context() as patch:
         patch.setattr(Motion, "save", save)
         with pytest.raises(OutputError, match=r"No space left.*run it again"):
-            ran(of(clips, "[ab]*"), out)
+            ran(batch, out)
     assert len(lines(LocalStorage(out))) == 2 and not (out / ".making").exists()
-    assert len(ran(of(clips, "[ab]*"), out)) == 2
+    assert len(ran(batch, out)) == 2
+    if report:  # a folder as adapt writes it
+        assert read_results(out / "jobs/b@slope@humanoid").report().metrics
+
+
+def test_extras_that_are_not_installed_are_named(
+    clips: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("distributed", "pyarrow", "fsspec", "threadpoolctl"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(BatchError, match=r"distributed.*mjmotion\[batch\]"):
+        Cluster("tcp://127.0.0.1:1")
+    with pytest.raises(OutputError, match=r"fsspec.*mjmotion\[batch\]"):
+        open_storage("s3://bucket/out")
+    counts = run_batch(of(clips, "a*"), LocalStorage(tmp_path / "out"), Here())
+    assert counts.tables == ("table.csv",) and counts.done == 2
+
+
+def test_what_cannot_be_written_is_told_in_one_line(clips: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", "utf-8")
+    with pytest.raises(OutputError, match="cannot"):
+        ran(of(clips, "a*"), tmp_path / "file")
+    with pytest.raises(OutputError, match="cannot"):
+        ran(of(clips, "a*"), tmp_path / "file" / "out")
 
 
 def test_two_runs_at_once_are_refused(clips: Path, tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ class Bar:
             self.__exit__()
             self._shown = (stage, of)
             self._bar = (
-                self._make(desc=stage, total=of, bar_format=self._counted)
+                self._make(desc=stage, total=of, bar_format=self._counted, unit=f" {stage}")
                 if of
                 else self._make(desc=f"{stage} …", total=1, bar_format="{desc}")
             )

@@ -140,10 +140,10 @@ class Processes:
     def _drop(self, slot: int) -> None:
         """End a worker at once; what it was making is not there."""
         pool, known = self._pools.pop(slot), self._running.pop(slot)
-        pool.shutdown(wait=False, cancel_futures=True)
         if _succeeded(known):
             with contextlib.suppress(OSError):
                 os.kill(known.result(), signal.SIGTERM)
+        pool.shutdown(cancel_futures=True)  # waits for it, so that what it held is free
 
 
 def _succeeded(future: Future[int]) -> bool:

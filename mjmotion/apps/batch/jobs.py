@@ -14,8 +14,11 @@ import mjmotion
 from mjmotion.exceptions import BatchError
 from mjmotion.fitting import TOLERANCE
 
-BLOCK = 16
-"""Pairs of scene and character that a worker keeps compiled, and clips that it keeps read."""
+BLOCK = 8
+"""Pairs of scene and character that a worker keeps compiled, and clips that it keeps read.
+
+A terrain of the paper takes 17 MB, and as much again with a character in it.
+"""
 SEED = "seed="
 MOST_NAME = 200
 """Letters of a job's name, which is the name of a folder."""

@@ -12,7 +12,7 @@ from mjmotion.apps.batch.executors import Executor
 from mjmotion.apps.batch.jobs import Batch, Job
 from mjmotion.apps.batch.record import Record
 from mjmotion.apps.batch.rows import Row, row_of_error
-from mjmotion.apps.batch.storage import JOBS, SHARDS, Storage
+from mjmotion.apps.batch.storage import FULL, JOBS, SHARDS, Storage
 from mjmotion.apps.batch.table import write_table
 from mjmotion.apps.batch.worker import Task
 from mjmotion.exceptions import BatchError, OutputError
@@ -74,9 +74,13 @@ def run_batch(
                     record.flush()
                 raise
     except OSError as error:
+        todo = (
+            "what is done stays there: make room and run it again"
+            if error.errno in FULL
+            else "check --out"
+        )
         raise OutputError(
-            f"cannot write to '{storage.address}': {error.strerror or error}; what is done stays"
-            " there: make room, or give another --out, and run it again"
+            f"cannot write to '{storage.address}': {error.strerror or error}; {todo}"
         ) from error
 
 

@@ -299,9 +299,10 @@ def remote(where: str) -> tuple[Any, str]:
 
         system, inside = fsspec.core.url_to_fs(where)
     except ImportError as error:
+        lacking = f"needs {error.name}" if error.name else f"cannot be reached ({error})"
         raise OutputError(
-            f"'{where}' needs {error.name or error}: pip install 'mjmotion[batch]', and what"
-            " fsspec needs for such addresses"
+            f"'{where}' {lacking}: pip install 'mjmotion[batch]', and what fsspec needs for such"
+            " addresses"
         ) from error
     except (ValueError, OSError) as error:
         raise OutputError(f"'{where}' is no address that fsspec knows: {error}") from error

@@ -7,6 +7,7 @@ with one task, after a worker or a scheduler died: what is there already is not 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import dataclasses
 import os
 import threading
@@ -70,9 +71,33 @@ class Task:
         return digest("\n".join((*jobs, str(self.attempt))))
 
 
+_STAYS = "what is done stays there: make room and run it again"
+GIVE_BACK = 2.0
+"""Seconds after which memory that was freed is given back to the system."""
+
+
+class Heap:
+    """The memory of this process, of which what was freed is given back now and then.
+
+    Scenes come and go in another order than they are kept, and glibc's heap would grow by the gaps.
+    """
+
+    def __init__(self) -> None:
+        self._last = time.monotonic()
+
+    def give_back(self) -> None:
+        """Give back what was freed, if that is long ago and the C library can: it takes 4 ms."""
+        if time.monotonic() - self._last < GIVE_BACK:
+            return
+        with contextlib.suppress(AttributeError, OSError, TypeError):
+            ctypes.CDLL(None).malloc_trim(0)
+        self._last = time.monotonic()
+
+
 # What this process has read so far. Jobs in one process take turns: what MuJoCo and NumPy say goes
 # through hooks that a process has once.
 _LOADED = Loaded()
+_HEAP = Heap()
 _TURN = threading.Lock()
 
 
@@ -96,18 +121,23 @@ def run_task(task: Task, clock: Clock = time.perf_counter) -> list[Row]:
         storage = open_storage(task.out)
         try:
             return _run_shard(task, storage) if task.sharded else _run_jobs(task, storage, clock)
+        except OutputError as error:
+            raise OutputError(f"{error}; {_STAYS}") from error
         except OSError as error:
             if error.errno in FULL:
                 raise OutputError(
-                    f"cannot write to '{task.out}': {error.strerror}; what is done stays there:"
-                    " make room and run it again"
+                    f"cannot write to '{task.out}': {error.strerror}; {_STAYS}"
                 ) from error
             raise
 
 
 def _run_jobs(task: Task, storage: Storage, clock: Clock) -> list[Row]:
     """Do jobs, each into a folder of its own."""
-    return [_run_job(job, task.settings, storage, clock) for job in task.jobs]
+    rows = []
+    for job in task.jobs:
+        rows.append(_run_job(job, task.settings, storage, clock))
+        _HEAP.give_back()
+    return rows
 
 
 def _run_job(job: Job, settings: Settings, storage: Storage, clock: Clock) -> Row:
@@ -121,6 +151,8 @@ def _run_job(job: Job, settings: Settings, storage: Storage, clock: Clock) -> Ro
             try:
                 made = make(job, settings, _LOADED, clock)
                 row = _written(aside, job, made, settings, began, clock)
+            except OutputError:
+                raise
             except OSError as error:
                 if error.errno in FULL:
                     raise
@@ -174,6 +206,7 @@ def _run_shard(task: Task, storage: Storage) -> list[Row]:
                 for job in task.jobs:
                     row = _into_shard(file, aside / "job", job, task.settings)
                     rows.append(row | {"shard": task.key})
+                    _HEAP.give_back()
             storage.put(f"{name}.zip", whole)
         storage.write(f"{name}.jsonl", as_lines(rows))
     return rows
@@ -185,6 +218,8 @@ def _into_shard(file: zipfile.ZipFile, folder: Path, job: Job, settings: Setting
     try:
         made = make(job, settings, _LOADED)
         row = _written(folder, job, made, settings, began, time.perf_counter)
+    except OutputError:
+        raise
     except OSError as error:
         if error.errno in FULL:
             raise
