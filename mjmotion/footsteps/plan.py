@@ -129,8 +129,8 @@ def on_ground(walk: Walk, scene: Scene) -> Plan:
     """Plan the ways from foothold to foothold, one a stance, and what rests besides."""
     source, ground, feet = walk.source, scene.ground, walk.source.character.feet
     ways = _Ways.of(walk, ground)
-    pose, found = ways.pose, tuple(one for one in walk.contacts if not one.rests)
-    stances, footholds = walk.stances, walk.footholds
+    stances, footholds, pose = walk.stances, walk.footholds, ways.pose
+    found = tuple(one for one in walk.contacts if not one.rests)
 
     def planned(index: int, detour: Detour | None = None) -> FootPath:
         return ways.path(index, stances, footholds, detour)
@@ -139,14 +139,14 @@ def on_ground(walk: Walk, scene: Scene) -> Plan:
     paths = tuple(planned(index) for index in range(len(feet)))
     shift, _ = root_shift(source, pose, paths, found, ROLLING)
     turned = turned_footholds(shifted(source, shift), feet, paths, stances, footholds)
-    flat = tuple(stances)
+    flat = stances
     if not walk.landed:
         flat = flat_landings(shifted(source, shift), feet, paths, stances)
-    if _changed(flat, stances):
-        found = contacts_of(flat, feet)
-    if _changed((*turned, *flat), (*footholds, *stances)):
+    found = contacts_of(flat, feet) if _changed((stances, stances), (flat, flat)) else found
+    others = _changed((stances, footholds), (flat, turned))
+    if others:
         footholds, stances = turned, flat
-        paths = tuple(planned(index) for index in range(len(feet)))
+        paths = tuple(planned(i) if i in others else path for i, path in enumerate(paths))
     moves = aside(feet, paths, pose, source.fps)
     tips = push_offs(source, pose, paths, found, shift)
     paths = tuple(
@@ -157,9 +157,13 @@ def on_ground(walk: Walk, scene: Scene) -> Plan:
     spots = (stances, footholds)
     found = trim_toe_contacts(found, feet, paths, spots, SHORTEST * source.fps)
     stances = with_ends(stances, feet, found)
-    if _changed(stances, spots[0]):
-        details = zip(moves, tips, strict=True)
-        paths = tuple(planned(index, Detour(*detail)) for index, detail in enumerate(details))
+    others = _changed(spots, (stances, footholds))
+    if others:
+        details = zip(paths, moves, tips, strict=True)
+        paths = tuple(
+            planned(index, Detour(move, tip)) if index in others else path
+            for index, (path, move, tip) in enumerate(details)
+        )
     paths, found, shift, back = ways.relaxed(paths, found)
     found = trim_toe_contacts(found, feet, paths, (stances, footholds), SHORTEST * source.fps)
     shift = sitting(shift, ways.rests, source.fps)
@@ -183,9 +187,17 @@ def on_ground(walk: Walk, scene: Scene) -> Plan:
     )
 
 
-def _changed(new: Sequence[object], old: Sequence[object]) -> bool:
-    """Whether any of some things is another."""
-    return any(one is not other for one, other in zip(new, old, strict=True))
+_Spots = tuple[Sequence[Stance], Sequence[Foothold]]
+
+
+def _changed(old: _Spots, new: _Spots) -> set[int]:
+    """Return the feet any of whose stances or footholds is another than before."""
+    return {
+        stance.foot
+        for before, after in zip(old, new, strict=True)
+        for was, now, stance in zip(before, after, new[0], strict=True)
+        if now is not was
+    }
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
