@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import re
 from pathlib import Path
 
 import mujoco
@@ -204,12 +205,37 @@ def test_doors_that_cannot_be_passed(door: Doorway) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_no_ground_under_the_walk() -> None:
-    spec = mujoco.MjSpec.from_string(
-        '<mujoco><worldbody><geom type="box" size=".5 .5 .1" pos="0 0 -.1"/></worldbody></mujoco>'
+def platform(length: float, away: float = 0.0) -> Scene:
+    """A box that ends so far ahead of the start, and nothing else."""
+    half = 0.5 * (length + 0.5)
+    box = f'<geom type="box" size="{half} .5 .1" pos="{half - 0.5} {away} -.1"/>'
+    return Scene.from_spec(
+        mujoco.MjSpec.from_string(f"<mujoco><worldbody>{box}</worldbody></mujoco>")
     )
+
+
+def test_no_ground_under_the_walk() -> None:
     with pytest.raises(SceneError, match="no ground under the walk"):
-        adapt(clip(), Scene.from_spec(spec))
+        adapt(clip(), platform(0.5, away=5.0))
+
+
+def test_a_walk_whose_ground_ends_is_told_where() -> None:
+    """It stays on the ground with shorter steps, does not get where it was to go, and says so."""
+    result = adapt(clip(), platform(0.5))
+    assert result.plan is not None
+    assert max(one.position[0] for one in result.plan.footholds) < 0.5
+    assert result.motion.qpos[-1, 0] < 0.5 < result.source.qpos[-1, 0] - 0.5
+    said = re.fullmatch(
+        r"there is no way: a gap bars it at x=(.+), y=.+, by (\d+) cm", result.barred
+    )
+    assert said is not None
+    grid = 0.15  # ground is looked at every 0.1 m, the line every 0.05 m
+    assert float(said[1]) == pytest.approx(0.5, abs=grid)
+    assert float(said[2]) / 100 == pytest.approx(result.source.qpos[-1, 0] - 0.5, abs=grid)
+    assert result.barred in result.report().notes
+    with pytest.raises(SceneError, match="there is no way: a gap"):
+        adapt(clip(), platform(0.5), planning=PlanSettings(strict=True))
+    assert adapt(clip(), platform(2.0)).barred == ""
 
 
 def test_the_scenes_start_turns_and_moves_the_walk() -> None:

@@ -543,7 +543,8 @@ def test_a_broken_session_is_one_line_and_the_present_one_goes_on(
     files.load_session()
     settle(do)
     assert do.bad
-    assert "no session" in do.message
+    assert "broken.mjsession' cannot be read, it is not JSON" in do.message
+    assert "\n" not in do.message
     assert do.settled.nframe == 464
 
 

@@ -215,8 +215,8 @@ def test_a_result_that_was_read_is_saved_again(result: Result, tmp_path: Path) -
     [
         ("{", "delimiter|property name"),
         ("[]", "not an object"),
-        ('{"levels": 3}', "int"),
-        ('{"unmet": [1]}', "int"),
+        ('{"levels": 3}', "levels is 3, no list"),
+        ('{"unmet": [1]}', "unmet holds 1, no object"),
         ('{"unmet": [{"frames": [1], "residual_mm": 2}]}', "constraint"),
     ],
 )

@@ -368,7 +368,10 @@ def test_hands_and_feet_of_the_climb_keep_what_they_hold(tmp_path: Path) -> None
         (["wlak", "--to", "climber"], "unknown clip 'wlak'"),
         (["walk", "--to", "climber", "--stride", "long"], "invalid choice: 'long'"),
         (["walk", "--to", "climber", "--scene", "moon"], "unknown scene 'moon'"),
-        (["walk", "--to", "climber", "--contacts", "none.json"], "cannot read contacts file"),
+        (
+            ["walk", "--to", "climber", "--contacts", "none.json"],
+            "contacts file 'none.json' does not exist",
+        ),
     ],
 )
 def test_the_command_refuses_bad_input(tmp_path: Path, words: list[str], line: str) -> None:

@@ -31,7 +31,7 @@ from mjmotion.footsteps.steps import (
 )
 from mjmotion.ik import IKSolver
 from mjmotion.numerics.rotations import multiply, yaw_quat
-from mjmotion.route.way import Route, find_route
+from mjmotion.route.way import Route, find_route, stopped_short
 from mjmotion.scene import Scene
 
 Array = NDArray[np.float64]
@@ -83,6 +83,7 @@ def make_plan(
     pace, bent = Pace.none(source.nframe), source
     loose: tuple[Array, ...] = ()
     if turns is not None:
+        route = stopped_short(route, np.array([one.position[:2] for one in footholds[-2:]]))
         if settings.pace != "keep":
             pace = find_pace(spots, footholds, source.nframe, clip.fps)
         found, spots, source = pace.contacts(found), pace.stances(spots), pace.apply(source)

@@ -229,8 +229,11 @@ def _read_report(path: Path) -> tuple[dict[str, Any], tuple[Unmet, ...]]:
 
 def _entries(value: Any, name: str) -> list[dict[str, Any]]:
     """Return copies of a list of objects."""
-    if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
+    if not isinstance(value, list):
         raise TypeError(f"{name} is {shown(value)}, no list of objects")
+    for entry in value:
+        if not isinstance(entry, dict):
+            raise TypeError(f"{name} holds {shown(entry)}, no object")
     return [dict(entry) for entry in value]
 
 

@@ -16,7 +16,7 @@ from mjmotion.body.motion import Motion
 from mjmotion.route.bend import Bend
 from mjmotion.route.centreline import Centreline, at_lengths
 from mjmotion.route.fit import FINE, fit_line
-from mjmotion.route.free_space import FAR, FreeSpace, find_free_space
+from mjmotion.route.free_space import FAR, NO_GROUND, FreeSpace, find_free_space
 from mjmotion.route.given import rounded
 from mjmotion.route.search import SHARPEST, STEP, Asked, find_way
 from mjmotion.route.width import BodyWidth
@@ -32,6 +32,7 @@ REACH = (2.5, 8.0)  # how far around its line a walk may go, at least and at mos
 BESIDE = 1.0  # how far around its own line it is first looked whether that is free [m]
 AHEAD = 0.4  # how much further a foot is put than the line goes [m]
 LAST = 0.2  # as much of that counts for its own line [m]
+NEXT = 0.4  # a walk that ends nearer to an edge had no room for a step more [m]
 TURNING = np.radians(80.0)  # most that a walk turns in a second beyond what it does
 ASIDE = 1.6  # most that it is pulled aside [m/s²]
 
@@ -126,6 +127,28 @@ def find_route(
         new = fit_line(find_way(asked, space), asked, space)
     count = min(len(new), len(trunk))
     return _route(own, new, line.bend(new), space, trunk[:count])
+
+
+def stopped_short(route: Route, last: Array) -> Route:
+    """Return a route that is barred where its ground ends and the walk stops for that reason.
+
+    Steps that are chosen together get shorter before an edge: all of them are good, and yet the
+    walk does not get where it was to go.
+
+    Args:
+      route: where the walk was to go.
+      last: (n, 2) its last footholds [m].
+    """
+    line, ground = route.line, route.space.ground
+    known = np.flatnonzero(ground.known[ground.cells(line)])
+    if len(known) == 0 or known[-1] == len(line) - 1:
+        return route
+    end, short = int(known[-1]), FINE * float(len(line) - 1 - known[-1])
+    apart = np.linalg.norm(line - last[:, None], axis=-1)
+    reached = int(apart.argmin(axis=1).max())
+    if FINE * (end - reached) > NEXT or short <= max(route.lack, NEXT):
+        return route
+    return dataclasses.replace(route, lack=short, place=line[end], bars=NO_GROUND)
 
 
 def line_of_length(line: Array, whole: float) -> Array:

@@ -85,6 +85,15 @@ LABELS = {
     "unexplained_more_points": Label(
         "unexplained force, more frames than source", "unexplained", "points"
     ),
+    "mapping_bone_deg": Label("mapping: bones off the recording, mean", "bones", "°"),
+    "mapping_bone_p95_deg": Label("mapping: bones off the recording, p95", "bones p95", "°"),
+    "mapping_facing_deg": Label("mapping: facing off the recording, p95", "facing", "°"),
+    "mapping_foot_turn_deg_s": Label(
+        "mapping: turn of standing feet off the recording, p95", "foot turn", "°/s"
+    ),
+    "mapping_foot_height_mm": Label(
+        "mapping: heights of feet off the recording, p95", "foot height", "mm"
+    ),
 }
 
 

@@ -32,11 +32,14 @@ from mjmotion.constraints import SiteConstraint, lay_out
 from mjmotion.constraints.unmet import find_unmet
 from mjmotion.exceptions import SessionError
 from mjmotion.footsteps.contacts import Contact, check_contacts, detect_contacts
+from mjmotion.footsteps.settings import PlanSettings
 from mjmotion.output.result import Result
 from mjmotion.scene import Scene, SceneLike, with_ground
 from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
+
+PLANNING = PlanSettings(pace="keep")  # edits and contacts name frames of the clip
 
 
 class EditSession:
@@ -306,7 +309,9 @@ class EditSession:
                 found = detect_contacts(source) if contacts is None else contacts
                 base = source, Step(source, tuple(found))
             else:
-                result = adapt(as_clip(self.clip), scene, contacts=state.contacts)
+                result = adapt(
+                    as_clip(self.clip), scene, contacts=state.contacts, planning=PLANNING
+                )
                 base = result.source, Step(result.motion, result.contacts, trace=result.trace)
             self._bases = {key: base}
         return self._bases[key]
