@@ -32,8 +32,7 @@ Array = rot.Array
 _REACH = 0.9985  # of the leg's length: a knee is never straighter than 6 degrees
 _RISING = 0.05  # [rad] a foot pitched further has its heel off the ground
 _HEEL_DOWN = 0.04  # [m] a heel that is no higher, before flat stance, has struck
-_STEEPEST = 0.95  # height of the ankle over the ball, of the most that it can be, in a foot turned
-_TIPPED = 1.0  # the same of a recorded foot whose ball still stands
+_STEEPEST = 0.95  # height of the ankle over a ball that stands, of the most that it can be
 _CLEAR = 0.004  # [m] how deep a sole may graze the ground in a swing
 _GIVE = 0.03  # [s] how far on either side it is felt that toes keep out of the ground
 _SHARP, _SOFT = 10.0, 1e-2  # [Hz] what corrections follow in contact; weight of none in swing
@@ -199,7 +198,7 @@ def _roll_over_toe(
     tip = (foot.ankle[flat] + rot.rotate(quat[flat - stance.start], toe)).mean(axis=0)
     tip[2] = 0.0 if abs(stance.height) < EVEN / 2 else stance.height
     # Straight over its ball a foot can rise no more; the ball leaves the ground before.
-    use = sine < _TIPPED
+    use = sine < _STEEPEST
     if len(stance.flat):
         use &= frames >= flat[0]
     goals.turn(frames[use], quat[use])

@@ -16,6 +16,7 @@ from mjmotion.numerics.smoothing import follow
 Array = NDArray[np.float64]
 
 RESTS = np.radians(8.0)  # a flat foot that turns by no more in its stay rests [rad]
+TURNS = np.radians(16.0)  # one that turns by more turns as recorded; between, the less the less
 _TOGETHER = 0.1  # [s] flat stays less apart are one
 _STEEP = 0.3  # least share of a foot's forward axis over the ground that tells its yaw
 _WANDERS = 0.04  # [m] a ball that goes so far in a stance does not stay on its spot
@@ -68,11 +69,14 @@ def stance_yaw(yaw: Array, stance: RecordedStance, frames: NDArray[np.int64], fp
     known, change = [], []
     for stay in flat_stays(stance, fps):
         own = yaw[stay]
-        if np.ptp(np.percentile(own, (5.0, 95.0))) <= RESTS:
-            wanted = np.full(len(own), np.median(own))
-        else:
+        wanted = np.full(len(own), np.median(own))
+        extent = float(np.ptp(np.percentile(own, (5.0, 95.0))))
+        if extent > RESTS:
             time = 1.0 / (2.0 * np.sin(np.pi * min(_SLOW / fps, 0.5)))
-            wanted = follow(own[:, None], np.ones(len(own)), time)[:, 0]
+            turning = follow(own[:, None], np.ones(len(own)), time)[:, 0]
+            # No step at the threshold: a foot that turns by hardly more than noise hardly turns.
+            share = min((extent - RESTS) / (TURNS - RESTS), 1.0)
+            wanted = wanted + share * (turning - wanted)
         known.append(stay)
         change.append(wanted - own)
     if not known:

@@ -21,7 +21,7 @@ from mjmotion.clips.recorded import keep_recording
 from mjmotion.clips.recorded_feet import RecordedFoot, find_stances, without_raised
 from mjmotion.clips.rig import SIDES, Rig, find_rig
 from mjmotion.clips.skeleton import Clip
-from mjmotion.clips.standing import point_noise
+from mjmotion.clips.standing import QUIET, point_noise
 from mjmotion.clips.upright import (
     UP,
     UprightClip,
@@ -314,7 +314,9 @@ def _foot(source: UprightClip, side: str, recorded: UprightClip) -> RecordedFoot
     foot = RecordedFoot.recorded(ankle, ball, joint, toes, normal, rest_pitch, source.clip.fps)
     points = [f"{side}_{part}" for part in ("ankle", "toe") if recorded.has(f"{side}_{part}")]
     noises = [point_noise(recorded.position(role), source.clip.fps) for role in points]
-    foot = dataclasses.replace(foot, noise=max(noises))
+    # Where the ankle is quiet, what shakes the toe is the foot's own turn: that is steady by now.
+    noise = max(noises) if noises[0] > QUIET else noises[0]
+    foot = dataclasses.replace(foot, noise=noise)
     standing = None if source.facing is None else joint @ source.to_z_up.T @ source.facing
     return foot.with_knee(knee, standing)
 

@@ -144,6 +144,8 @@ def walkable_footholds(
     Raises:
       SceneError: there is nothing to stand on within reach of a stance.
     """
+    if len(stances) == 0:
+        return ()  # one who kneels, crawls or sits takes no steps
     walk, spots = _Walk(stances, feet), Spots(ground)
     footholds: list[Foothold] = []
     for index, foothold in enumerate(each_foothold(stances, feet, ground, start_height)):
