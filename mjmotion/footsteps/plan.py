@@ -142,7 +142,7 @@ def on_ground(walk: Walk, scene: Scene) -> Plan:
     flat = stances
     if not walk.landed:
         flat = flat_landings(shifted(source, shift), feet, paths, stances)
-    found = contacts_of(flat, feet) if _changed((stances, stances), (flat, flat)) else found
+    found = contacts_of(flat, feet) if _changed((stances, footholds), (flat, footholds)) else found
     others = _changed((stances, footholds), (flat, turned))
     if others:
         footholds, stances = turned, flat
