@@ -32,7 +32,8 @@ Array = rot.Array
 _REACH = 0.9985  # of the leg's length: a knee is never straighter than 6 degrees
 _RISING = 0.05  # [rad] a foot pitched further has its heel off the ground
 _HEEL_DOWN = 0.04  # [m] a heel that is no higher, before flat stance, has struck
-_STEEPEST = 0.95  # height of the ankle over a ball that stands, of the most that it can be
+_STEEPEST = 0.95  # height of the ankle over the ball, of the most that it can be, that tells pitch
+_TIPPED = 1.0  # the same of a recorded foot whose ball still stands
 _CLEAR = 0.004  # [m] how deep a sole may graze the ground in a swing
 _GIVE = 0.03  # [s] how far on either side it is felt that toes keep out of the ground
 _SHARP, _SOFT = 10.0, 1e-2  # [Hz] what corrections follow in contact; weight of none in swing
@@ -185,7 +186,8 @@ def _roll_over_toe(
     # The foot turns about its ball as far as brings the ankle to its height.
     radius, flat_angle = np.hypot(toe[0], toe[2]), np.arctan2(-toe[2], toe[0])
     sine = (foot.ankle[frames, 2] - stance.height) / radius
-    pitch = np.maximum(np.arcsin(np.clip(sine, -1, _STEEPEST)) - flat_angle, 0.0)
+    pitch = np.maximum(np.arcsin(np.clip(sine, -1, 1)) - flat_angle, 0.0)
+    pitch = _over_upright(pitch, sine < _STEEPEST, foot.quat[frames])
     flat = stance.flat
     for stay in flat_stays(stance, fps):
         pitch[stay - stance.start] = 0.0
@@ -198,12 +200,34 @@ def _roll_over_toe(
     tip = (foot.ankle[flat] + rot.rotate(quat[flat - stance.start], toe)).mean(axis=0)
     tip[2] = 0.0 if abs(stance.height) < EVEN / 2 else stance.height
     # Straight over its ball a foot can rise no more; the ball leaves the ground before.
-    use = sine < _STEEPEST
+    use = sine < _TIPPED
     if len(stance.flat):
         use &= frames >= flat[0]
     goals.turn(frames[use], quat[use])
     goals.fix(frames[use], toe, tip)
     return tip
+
+
+def _over_upright(pitch: Array, told: NDArray[np.bool_], quat: Array) -> Array:
+    """Return pitches (n,) [rad] of a foot on its ball that are right where it is upright too.
+
+    There the ankle's height tells little of pitch, and not to which side of upright: the foot is
+    pitched as recorded, and off that by as much as where its height tells it last and next.
+
+    Args:
+      pitch: (n,) from its height [rad].
+      told: (n,) where that holds.
+      quat: (n, 4) the recorded foot.
+    """
+    ahead, up = (rot.rotate(quat, axis)[:, 2] for axis in (np.array((1.0, 0.0, 0.0)), UP))
+    own = np.arctan2(-ahead, up)
+    known = np.flatnonzero(told)
+    if len(known) == 0:
+        return np.maximum(own, 0.0)
+    off = np.interp(np.flatnonzero(~told), known, (pitch - own)[known])
+    pitch = np.array(pitch)
+    pitch[~told] = np.maximum(own[~told] + off, 0.0)
+    return pitch
 
 
 def _turn_on_heel(
