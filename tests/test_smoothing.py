@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjmotion.numerics import smoothing
-from mjmotion.numerics.smoothing import Bound, between, blend, envelope, fade
+from mjmotion.numerics.smoothing import Bound, between, blend, cover, envelope, fade
 
 CLOSE = 1e-8
 BELOW = 2e-4  # how far under a wanted height an envelope may stay [m]
@@ -226,3 +226,27 @@ def test_newton_steps_find_the_curve_that_paying_in_turn_finds(
     for one, other in zip(found, newton, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-6)
     assert (found[0] > upper.value)[upper.frames].any()  # bounds that are dear, not walls
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_no_cover_is_cheaper_than_an_envelope(seed: int) -> None:
+    """Needs of noise and of boxes, at random places: of the curves above them it costs least."""
+    rng = np.random.default_rng(seed)
+    nframe, time = int(rng.integers(60, 400)), float(rng.uniform(3.0, 25.0))
+    need = np.full(nframe, -1.0)
+    for _ in range(int(rng.integers(1, 5))):
+        start = int(rng.integers(0, nframe - 5))
+        span = slice(start, start + int(rng.integers(5, 80)))
+        count = len(need[span])
+        need[span] = rng.uniform(0.0, 1.0, count) if rng.random() < 0.5 else rng.uniform(0.1, 0.9)
+
+    def cost(curve: np.ndarray) -> float:
+        weights = (1.0, 3.0 * time**2, 3.0 * time**4, time**6)
+        parts = (curve, *(np.diff(curve, n=order) for order in (1, 2, 3)))
+        return float(sum(w * (part @ part) for w, part in zip(weights, parts, strict=True)))
+
+    curve = envelope(need, np.zeros(nframe, dtype=bool), time)
+    assert (curve >= need - 2e-4).all()
+    covers = [cover(need, size * time) for size in (0.5, 1.0, 2.0, 4.0)]
+    assert cost(curve) <= min(cost(one) for one in covers)
+    assert curve.max() < 4.0 * need.max()

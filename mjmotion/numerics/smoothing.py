@@ -22,8 +22,7 @@ _DIFFERENCES = (
 )
 _CIRCLES = 6  # times that paying for what is broken may break no fewer bounds
 _ROUNDS = 60
-_POSITIONS = 12  # of the least along a direction that are tried
-_FLAT = 1e-4  # share of the first slope that counts as none
+_HALVINGS = 12  # towards the least along a direction
 _SETTLED = 1e-7  # a Newton step this small ends the search [m]
 _RAISES = 8
 _STIFF = 30.0  # penalty for a curve below what is needed, against its own stiffness
@@ -313,32 +312,14 @@ def _newton(priced: _Priced, start: Array) -> Array:
 
 
 def _where_flat(slope: Callable[[float], float]) -> float:
-    """Return where in (0, 1] a slope that only grows from below 0 is 0, or 1 where it is not.
-
-    By false positions, the older end's slope halved where it stays (Illinois): it is straight but
-    for a few bends.
-    """
-    low, high, above = 0.0, 1.0, slope(1.0)
-    if above <= 0.0:
+    """Return where in (0, 1] a slope that only grows from below 0 is 0, or 1 where it is not."""
+    if slope(1.0) <= 0.0:
         return 1.0
-    first = below = slope(0.0)
-    side, length = 0, 1.0
-    for _ in range(_POSITIONS):
-        if below >= 0.0:
-            break
-        length = high - above * (high - low) / (above - below)
-        at = slope(length)
-        if abs(at) <= _FLAT * abs(first):
-            break
-        if at > 0.0:
-            high, above = length, at
-            below *= 0.5 if side > 0 else 1.0
-            side = 1
-        else:
-            low, below = length, at
-            above *= 0.5 if side < 0 else 1.0
-            side = -1
-    return length
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if slope(middle) < 0.0 else (low, middle)
+    return 0.5 * (low + high)
 
 
 def _penalised(
