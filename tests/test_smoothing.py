@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjmotion.numerics import smoothing
-from mjmotion.numerics.smoothing import Bound, between, blend, cover, envelope, fade
+from mjmotion.numerics.smoothing import Bound, between, blend, envelope, fade
 
 CLOSE = 1e-8
 BELOW = 2e-4  # how far under a wanted height an envelope may stay [m]
@@ -229,8 +229,8 @@ def test_newton_steps_find_the_curve_that_paying_in_turn_finds(
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_no_cover_is_cheaper_than_an_envelope(seed: int) -> None:
-    """Needs of noise and of boxes, at random places: of the curves above them it costs least."""
+def test_an_envelope_of_rough_needs_is_above_them_and_not_far(seed: int) -> None:
+    """Needs of noise and of boxes, at random places; a search that goes astray is far above."""
     rng = np.random.default_rng(seed)
     nframe, time = int(rng.integers(60, 400)), float(rng.uniform(3.0, 25.0))
     need = np.full(nframe, -1.0)
@@ -239,14 +239,6 @@ def test_no_cover_is_cheaper_than_an_envelope(seed: int) -> None:
         span = slice(start, start + int(rng.integers(5, 80)))
         count = len(need[span])
         need[span] = rng.uniform(0.0, 1.0, count) if rng.random() < 0.5 else rng.uniform(0.1, 0.9)
-
-    def cost(curve: np.ndarray) -> float:
-        weights = (1.0, 3.0 * time**2, 3.0 * time**4, time**6)
-        parts = (curve, *(np.diff(curve, n=order) for order in (1, 2, 3)))
-        return float(sum(w * (part @ part) for w, part in zip(weights, parts, strict=True)))
-
     curve = envelope(need, np.zeros(nframe, dtype=bool), time)
     assert (curve >= need - 2e-4).all()
-    covers = [cover(need, size * time) for size in (0.5, 1.0, 2.0, 4.0)]
-    assert cost(curve) <= min(cost(one) for one in covers)
     assert curve.max() < 4.0 * need.max()
