@@ -64,7 +64,12 @@ def find_pivot(yaw: Array, heel: NDArray[np.bool_], toe: NDArray[np.bool_]) -> P
     turn = yaw - ways[0]
     for (start, end), way in zip(stays, ways, strict=True):
         turn[start:end] = way - ways[0]  # while it stands flat it does not turn
-    return Pivot(turn, bool((toe & ~heel).sum() >= (heel & ~toe).sum()))
+    on_toe = bool((toe & ~heel).sum() >= (heel & ~toe).sum())
+    # What stands alone and is not what it turns about would be dragged along.
+    other = (heel & ~toe) if on_toe else (toe & ~heel)
+    number = np.clip(np.searchsorted(stays[:, 0], np.arange(len(yaw)), side="right") - 1, 0, None)
+    turn[other] = (np.array(ways) - ways[0])[number[other]]
+    return Pivot(turn, on_toe)
 
 
 def foot_yaw(pose: Pose, foot: Foot, start: int, end: int) -> Array:
