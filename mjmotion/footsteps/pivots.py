@@ -64,7 +64,9 @@ def find_pivot(yaw: Array, heel: NDArray[np.bool_], toe: NDArray[np.bool_]) -> P
     turn = yaw - ways[0]
     for (start, end), way in zip(stays, ways, strict=True):
         turn[start:end] = way - ways[0]  # while it stands flat it does not turn
-    on_toe = bool((toe & ~heel).sum() >= (heel & ~toe).sum())
+    # What it stands on alone from the first flat stay to the last is what it turns about.
+    within = slice(int(stays[0, 0]), int(stays[-1, 1]))
+    on_toe = bool((toe & ~heel)[within].sum() >= (heel & ~toe)[within].sum())
     # What stands alone and is not what it turns about would be dragged along.
     other = (heel & ~toe) if on_toe else (toe & ~heel)
     number = np.clip(np.searchsorted(stays[:, 0], np.arange(len(yaw)), side="right") - 1, 0, None)

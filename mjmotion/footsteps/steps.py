@@ -18,7 +18,7 @@ from mjmotion.body.feet import Foot
 from mjmotion.body.motion import Motion
 from mjmotion.exceptions import SceneError
 from mjmotion.footsteps.chain import TOLERATED, find_chain, walkable_footholds
-from mjmotion.footsteps.footholds import Foothold, footholds_at
+from mjmotion.footsteps.footholds import Foothold, find_footholds, footholds_at
 from mjmotion.footsteps.stances import Stance
 from mjmotion.numerics.rotations import multiply, rotate, yaw_quat
 from mjmotion.numerics.smoothing import ease
@@ -27,6 +27,7 @@ from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
 
+IN_TURN = 0.7  # share of steps that are taken with the other foot, at least, of one who walks
 BEND_TIME = 0.4  # τ of the root's way that goes with the steps [s]
 
 
@@ -50,6 +51,8 @@ def choose_footholds(
     """
     if not stances:  # of one who only kneels or crawls
         return (), None
+    if not _in_turn(stances):
+        return find_footholds(stances, feet, ground, start_height), None
     try:
         near = walkable_footholds(stances, feet, ground, start_height)
         if near is not None:
@@ -66,6 +69,13 @@ def choose_footholds(
         for stance, spot, turn in zip(stances, chain.spots, chain.turns, strict=True)
     ]
     return footholds_at(moved, feet, ground, chain.heights.tolist()), chain.turns
+
+
+def _in_turn(stances: Sequence[Stance]) -> bool:
+    """Whether feet stand in turn, most of the time: else what is between two is no step."""
+    pairs = list(pairwise(stances))
+    turns = sum(before.foot != after.foot for before, after in pairs)
+    return turns >= IN_TURN * len(pairs)
 
 
 def can_be_stepped(
