@@ -127,7 +127,7 @@ def test_on_level_ground_arms_are_as_they_were(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_on_stairs_arms_swing_further(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = Scene.from_spec(stairs(rise=0.2))
+    scene = Scene.from_spec(stairs(rise=0.22))
     result = adapt(clip(), scene)
     asked = SiteConstraint("left_hand", np.array([10]), None, np.array([[1.0, 0.0, 0.0, 0.0]]))
     named = adapt(clip(), scene, constraints=[asked])
