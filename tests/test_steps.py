@@ -127,6 +127,18 @@ def test_three_treads_take_three_steps(rise: float) -> None:
     assert last == pytest.approx(LENGTH, abs=0.1)
 
 
+def test_feet_that_do_not_stand_in_turn_take_no_steps_together() -> None:
+    """Of a runner whose one foot alone is seen to stand, stances are flights apart."""
+    treads = [(1.0 + 0.29 * k, 1.29 + 0.29 * k, -3.0, 3.0, 0.17 * (k + 1)) for k in range(3)]
+    ground = boxes(*treads, (1.87, 9.0, -3.0, 3.0, 0.68)).ground
+    stances = walk(9)
+    _, together = choose_footholds(stances, character().feet, ground, 0.0)
+    footholds, alone = choose_footholds(stances[::2], character().feet, ground, 0.0)
+    assert together is not None and alone is None
+    for stance, foothold in zip(stances[::2], footholds, strict=True):
+        assert np.linalg.norm((foothold.position - stance.source_pos)[:2]) < 0.35
+
+
 def test_steps_alternate_to_their_own_sides() -> None:
     random = np.random.default_rng(3)
     stones = [

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 from mjmotion.cli.arguments import (
     add_fitting,
     add_folder,
+    add_free_footholds,
+    add_heading,
     add_keyframe,
     add_reading,
     add_thresholds,
@@ -61,11 +63,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_fitting(parser)
     add_planning(parser)
-    parser.add_argument(
-        "--free-footholds",
-        action="store_true",
-        help="let each foothold move as a whole to where the walk changes least",
-    )
+    add_free_footholds(parser)
     add_reading(parser)
     add_thresholds(parser)
     parser.set_defaults(**DEFAULTS)
@@ -73,12 +71,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_planning(parser: argparse.ArgumentParser) -> None:
     """Add what of a walk may change where a scene asks for it."""
-    parser.add_argument(
-        "--heading",
-        choices=("start", "keep"),
-        default="start",
-        help="set off along the start's x-axis, or keep the clip's own way: start",
-    )
+    add_heading(parser)
     parser.add_argument(
         "--path",
         metavar="bend|keep|FILE",

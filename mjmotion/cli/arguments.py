@@ -192,6 +192,25 @@ def add_fitting(
         )
 
 
+def add_heading(parser: argparse.ArgumentParser) -> None:
+    """Add ``--heading``: which way a walk sets off."""
+    parser.add_argument(
+        "--heading",
+        choices=("start", "keep"),
+        default="start",
+        help="set off along the start's x-axis, or keep the clip's own way: start",
+    )
+
+
+def add_free_footholds(parser: argparse.ArgumentParser) -> None:
+    """Add ``--free-footholds`` (§7)."""
+    parser.add_argument(
+        "--free-footholds",
+        action="store_true",
+        help="let each foothold move as a whole to where the walk changes least",
+    )
+
+
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """Add how a clip is read: ``--character`` and what :func:`add_recording` adds."""
     parser.add_argument("--character", help="MJCF file or the name of a model: humanoid")

@@ -6,7 +6,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjmotion.cli.arguments import add_fitting, add_recording, add_thresholds, count
+from mjmotion.cli.arguments import (
+    add_fitting,
+    add_free_footholds,
+    add_heading,
+    add_recording,
+    add_thresholds,
+    count,
+)
 
 if TYPE_CHECKING:
     from mjmotion.apps.batch import Batch, Counts, Executor
@@ -71,17 +78,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_how(parser: argparse.ArgumentParser) -> None:
     add_fitting(parser)
-    parser.add_argument(
-        "--heading",
-        choices=("start", "keep"),
-        default="start",
-        help="set off along the start's x-axis, or keep the clip's own way: start",
-    )
-    parser.add_argument(
-        "--free-footholds",
-        action="store_true",
-        help="let each foothold move as a whole to where the walk changes least",
-    )
+    add_heading(parser)
+    add_free_footholds(parser)
     add_recording(parser)
     add_thresholds(parser)
 

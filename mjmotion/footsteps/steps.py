@@ -27,7 +27,7 @@ from mjmotion.scene.ground import Ground
 
 Array = NDArray[np.float64]
 
-IN_TURN = 0.7  # share of steps that are taken with the other foot, at least, of one who walks
+ALTERNATE = 0.7  # share of steps that are taken with the other foot, at least, of one who walks
 BEND_TIME = 0.4  # τ of the root's way that goes with the steps [s]
 
 
@@ -51,7 +51,7 @@ def choose_footholds(
     """
     if not stances:  # of one who only kneels or crawls
         return (), None
-    if not _in_turn(stances):
+    if not _alternate(stances):
         return find_footholds(stances, feet, ground, start_height), None
     try:
         near = walkable_footholds(stances, feet, ground, start_height)
@@ -71,11 +71,11 @@ def choose_footholds(
     return footholds_at(moved, feet, ground, chain.heights.tolist()), chain.turns
 
 
-def _in_turn(stances: Sequence[Stance]) -> bool:
+def _alternate(stances: Sequence[Stance]) -> bool:
     """Whether feet stand in turn, most of the time: else what is between two is no step."""
     pairs = list(pairwise(stances))
     turns = sum(before.foot != after.foot for before, after in pairs)
-    return turns >= IN_TURN * len(pairs)
+    return turns >= ALTERNATE * len(pairs)
 
 
 def can_be_stepped(
